@@ -1,0 +1,28 @@
+"""The exceptions a user can meet. Each message names what was expected, what came, and where.
+
+Tools print an ``AvpError`` as one line and exit with status 2; anything else is a bug of ours.
+"""
+
+
+class AvpError(Exception):
+    """Base of every error that is caused by input rather than by a bug."""
+
+
+class ConfigError(AvpError):
+    """A configuration file or a ``--set`` override is missing, malformed or names an unknown key."""
+
+
+class RegistryError(AvpError):
+    """A name is unknown to a registry, or registered twice."""
+
+
+class GeometryError(AvpError):
+    """A pose, box, camera or grid has a wrong shape or values that cannot be."""
+
+
+class RecordError(AvpError):
+    """A file of a data set is missing, truncated, damaged, foreign or of another schema version."""
+
+
+class SensorError(AvpError):
+    """A sensor combination is unknown, or a sample holds no usable sensor at all."""

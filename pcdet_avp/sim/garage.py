@@ -1,0 +1,88 @@
+"""The garage's plan, drawn per scene: road, slots, T-junction, pillars, walls, lamps.
+
+World frame: the origin lies on the floor below the roadside mast, on the axis of the straight road; the ego
+drives towards +x (in the right lane, y = -lane/2), the mast looks back along -x. A wall closes the road just
+behind the mast. The side road joins from the ego's right (y < 0).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+# Paper, section "Simulation Environment".
+LANE_WIDTH_M = 3.4
+SLOT_WIDTH_M = 3.2
+SLOT_DEPTH_M = 5.8
+
+
+@dataclass(frozen=True)
+class Slot:
+    """A perpendicular parking slot: centre x, y, and the heading of its axis pointing from the road inwards."""
+
+    x: float
+    y: float
+    heading: float  # rad: +pi/2 for the row at y > 0, -pi/2 for the row at y < 0
+
+
+@dataclass(frozen=True)
+class Pillar:
+    """A square pillar from floor to ceiling."""
+
+    x: float
+    y: float
+    size: float
+
+
+@dataclass(frozen=True)
+class Wall:
+    """A straight wall between two floor points, ``height`` tall (a parapet where lower than the ceiling)."""
+
+    x0: float
+    y0: float
+    x1: float
+    y1: float
+    height: float
+    thickness: float = 0.2
+
+
+@dataclass(frozen=True)
+class Lamp:
+    """A ceiling lamp: centre, radiant intensity (relative; 1 is a healthy tube), linear RGB tint. Failed ones are 0."""
+
+    x: float
+    y: float
+    z: float
+    intensity: float
+    tint: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+
+@dataclass(frozen=True)
+class GarageLayout:
+    """Everything that stands still, except the parked cars."""
+
+    road_start_x: float  # far end of the road (negative, m)
+    road_end_x: float  # face of the wall behind the mast (m)
+    junction_x: float  # centre line of the side road (negative, m)
+    side_road_end_y: float  # far end of the side road (negative, m)
+    ceiling_m: float
+    slots: tuple[Slot, ...]
+    pillars: tuple[Pillar, ...]
+    walls: tuple[Wall, ...]
+    lamps: tuple[Lamp, ...]
+    style: int  # seed of paint bands, stains and other decoration
+
+    @property
+    def lane_y(self) -> float:
+        """Lateral position of the ego's lane centre."""
+        return -LANE_WIDTH_M / 2
+
+    def slot_gaps(self) -> np.ndarray:
+        """(G, 3) x, y, heading of the mouths of the gaps between neighbouring slots of a row (no pillar between)."""
+        gaps = []
+        for a in self.slots:
+            for b in self.slots:
+                if a.heading == b.heading and abs((b.x - a.x) - SLOT_WIDTH_M) < 0.3:
+                    gaps.append(((a.x + b.x) / 2, np.sign(a.y) * LANE_WIDTH_M, a.heading))
+        return np.array(gaps).reshape(-1, 3)

@@ -1,0 +1,110 @@
+"""Triangle meshes with the surface properties that cameras and LiDARs need."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from pcdet_avp.structures.pose import Pose
+
+
+class Material(IntEnum):
+    """What a face is made of; cameras shade by it, LiDARs scale their intensity by it."""
+
+    PAINT = 0  # car body
+    GLASS = 1
+    RUBBER = 2
+    METAL = 3
+    CLOTH = 4
+    SKIN = 5
+    CONCRETE = 6  # walls, ceiling, pillars
+    FLOOR = 7  # markings and stains are textured by world position
+    LAMP = 8  # emits
+    RETROREFLECTOR = 9  # plates, signs
+    TAIL_LAMP = 10
+    HEAD_LAMP = 11
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """vertices (V, 3) float32 metres; faces (F, 3) int32, counter-clockwise seen from outside.
+
+    colors (F, 3) float32: linear RGB albedo in [0, 1]. materials (F,) uint8 of ``Material``.
+    normals (F, 3, 3) float32: unit normal at each corner, for smooth shading.
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    colors: np.ndarray
+    materials: np.ndarray
+    normals: np.ndarray
+
+    @classmethod
+    def flat(cls, vertices, faces, color, material: Material) -> Mesh:
+        """A mesh of one colour and material whose faces are shaded flat."""
+        vertices = np.asarray(vertices, dtype=np.float32)
+        faces = np.asarray(faces, dtype=np.int32)
+        return cls(
+            vertices,
+            faces,
+            np.broadcast_to(np.asarray(color, np.float32), (len(faces), 3)).copy(),
+            np.full(len(faces), material, np.uint8),
+            np.repeat(face_normals(vertices, faces)[:, None], 3, axis=1),
+        )
+
+    def transformed(self, dst_from_src: Pose) -> Mesh:
+        rotation = dst_from_src.rotation.T.astype(np.float32)
+        return Mesh(dst_from_src.apply(self.vertices), self.faces, self.colors, self.materials, self.normals @ rotation)
+
+    @staticmethod
+    def merge(meshes: Sequence[Mesh]) -> Mesh:
+        """One mesh of them all, faces in order."""
+        offsets = np.cumsum([0] + [len(m.vertices) for m in meshes[:-1]])
+        return Mesh(
+            np.concatenate([m.vertices for m in meshes]),
+            np.concatenate([m.faces + int(o) for m, o in zip(meshes, offsets, strict=True)]).astype(np.int32),
+            np.concatenate([m.colors for m in meshes]),
+            np.concatenate([m.materials for m in meshes]),
+            np.concatenate([m.normals for m in meshes]),
+        )
+
+
+def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """(F, 3) unit normals; zero for degenerate faces."""
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    n = np.cross(b - a, c - a)
+    return (n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-12)).astype(np.float32)
+
+
+def smooth_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """(F, 3, 3) corner normals averaged over the faces that share a vertex, weighted by area."""
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    n = np.cross(b - a, c - a)
+    at_vertex = np.zeros_like(vertices, dtype=np.float64)
+    for i in range(3):
+        np.add.at(at_vertex, faces[:, i], n)
+    at_vertex /= np.maximum(np.linalg.norm(at_vertex, axis=1, keepdims=True), 1e-12)
+    return at_vertex[faces].astype(np.float32)
+
+
+def box_mesh(size, centre, color, material: Material) -> Mesh:
+    """An axis-aligned box of size (3,) around centre (3,), shaded flat."""
+    signs = np.array([[x, y, z] for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)], dtype=np.float32)
+    faces = [
+        [0, 2, 3],
+        [0, 3, 1],
+        [4, 5, 7],
+        [4, 7, 6],
+        [0, 1, 5],
+        [0, 5, 4],
+        [2, 6, 7],
+        [2, 7, 3],
+        [0, 4, 6],
+        [0, 6, 2],
+        [1, 3, 7],
+        [1, 7, 5],
+    ]
+    return Mesh.flat(signs * np.asarray(size, np.float32) / 2 + np.asarray(centre, np.float32), faces, color, material)

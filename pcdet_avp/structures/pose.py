@@ -1,0 +1,77 @@
+"""Rigid transforms, named ``dst_from_src`` so that compositions read themselves.
+
+``ego_from_infra = world_from_ego.inverse() @ world_from_infra``
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcdet_avp.errors import GeometryError
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """A rotation and a translation in metres: p_dst = R p_src + t, held as a (4, 4) float64 matrix."""
+
+    matrix: np.ndarray
+
+    def __post_init__(self) -> None:
+        matrix = np.array(self.matrix, dtype=np.float64)
+        if matrix.shape != (4, 4):
+            raise GeometryError(f"pose: expected a (4, 4) matrix, found shape {matrix.shape}")
+        if not np.isfinite(matrix).all():
+            raise GeometryError("pose: matrix holds NaN or infinite values")
+        rotation = matrix[:3, :3]
+        if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6) or np.linalg.det(rotation) < 0:
+            raise GeometryError("pose: upper left 3 x 3 block is not a rotation")
+        if not np.allclose(matrix[3], [0, 0, 0, 1]):
+            raise GeometryError(f"pose: last row must be 0 0 0 1, found {matrix[3].tolist()}")
+        matrix.setflags(write=False)
+        object.__setattr__(self, "matrix", matrix)
+
+    @classmethod
+    def identity(cls) -> Pose:
+        return cls(np.eye(4))
+
+    @classmethod
+    def from_xyz_yaw(cls, x: float, y: float, z: float = 0.0, yaw: float = 0.0, pitch_down: float = 0.0) -> Pose:
+        """Position in metres; yaw counter-clockwise about z, then pitch about the new y axis (nose down), radians."""
+        cy, sy, cp, sp = np.cos(yaw), np.sin(yaw), np.cos(pitch_down), np.sin(pitch_down)
+        matrix = np.eye(4)
+        matrix[:3, :3] = [[cy * cp, -sy, cy * sp], [sy * cp, cy, sy * sp], [-sp, 0.0, cp]]
+        matrix[:3, 3] = x, y, z
+        return cls(matrix)
+
+    @property
+    def rotation(self) -> np.ndarray:
+        """(3, 3)."""
+        return self.matrix[:3, :3]
+
+    @property
+    def translation(self) -> np.ndarray:
+        """(3,) metres."""
+        return self.matrix[:3, 3]
+
+    @property
+    def yaw(self) -> float:
+        """Heading of the source's x axis in the destination's horizontal plane, radians in (-pi, pi]."""
+        return float(np.arctan2(self.matrix[1, 0], self.matrix[0, 0]))
+
+    def apply(self, points: np.ndarray) -> np.ndarray:
+        """Transform points (..., 3); the result has their floating type (float64 for integers)."""
+        points = np.asarray(points)
+        dtype = points.dtype if points.dtype.kind == "f" else np.float64
+        return points @ self.rotation.T.astype(dtype) + self.translation.astype(dtype)
+
+    def inverse(self) -> Pose:
+        matrix = np.eye(4)
+        matrix[:3, :3] = self.rotation.T
+        matrix[:3, 3] = -self.rotation.T @ self.translation
+        return Pose(matrix)
+
+    def __matmul__(self, other: Pose) -> Pose:
+        """a_from_b @ b_from_c is a_from_c."""
+        return Pose(self.matrix @ other.matrix)

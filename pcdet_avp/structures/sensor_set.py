@@ -1,0 +1,58 @@
+"""The paper's 2 x 3 sensor combinations: vehicle {C, CL} x infrastructure {none, C, CL}.
+
+The short names (``C+none`` ... ``CL+CL``) are used everywhere: command line, tables, JSON.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pcdet_avp.errors import SensorError
+
+# Order of the four feature maps, of every presence mask and of the fusion slots.
+SOURCES = ("ego_camera", "ego_lidar", "infra_camera", "infra_lidar")
+
+
+@dataclass(frozen=True)
+class SensorSet:
+    """Which of the four sources a vehicle may use."""
+
+    ego_camera: bool
+    ego_lidar: bool
+    infra_camera: bool
+    infra_lidar: bool
+
+    @classmethod
+    def parse(cls, name: str) -> SensorSet:
+        """``"C+CL"`` -> vehicle camera, roadside camera and LiDAR."""
+        if name not in SENSOR_SETS:
+            raise SensorError(f"unknown sensor combination {name!r}; known: {', '.join(SENSOR_SETS)}")
+        return SENSOR_SETS[name]
+
+    @property
+    def mask(self) -> tuple[bool, bool, bool, bool]:
+        """Presence in the order of ``SOURCES``."""
+        return (self.ego_camera, self.ego_lidar, self.infra_camera, self.infra_lidar)
+
+    @property
+    def name(self) -> str:
+        """The short name; only the paper's six combinations have one."""
+        for name, sensor_set in SENSOR_SETS.items():
+            if sensor_set == self:
+                return name
+        raise SensorError(f"sensors {self.mask} are none of the combinations {', '.join(SENSOR_SETS)}")
+
+    @property
+    def uses_infra(self) -> bool:
+        return self.infra_camera or self.infra_lidar
+
+
+# In the order of the paper's tables.
+SENSOR_SETS = {
+    "C+none": SensorSet(True, False, False, False),
+    "C+C": SensorSet(True, False, True, False),
+    "C+CL": SensorSet(True, False, True, True),
+    "CL+none": SensorSet(True, True, False, False),
+    "CL+C": SensorSet(True, True, True, False),
+    "CL+CL": SensorSet(True, True, True, True),
+}
