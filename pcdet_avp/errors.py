@@ -26,3 +26,7 @@ class RecordError(AvpError):
 
 class SensorError(AvpError):
     """A sensor combination is unknown, or a sample holds no usable sensor at all."""
+
+
+class EvaluationError(AvpError):
+    """Detections and ground truth do not belong together, or a score is not a number."""
