@@ -1,0 +1,151 @@
+"""Scripted motion: pure functions of time that say where a road user stands, heads and how far it has come.
+
+A trajectory that waits is ``released``: a copy with another start time. Nothing here reacts to anything.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from pcdet_avp.errors import GeometryError
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Pose on the floor in the world frame (m, m, rad), speed (m/s) and distance covered so far (m)."""
+
+    x: float
+    y: float
+    yaw: float
+    speed: float = 0.0
+    distance: float = 0.0
+
+
+class Trajectory(Protocol):
+    """What every trajectory can do."""
+
+    def at(self, time_s: float) -> Motion:
+        """The motion at a time."""
+        ...
+
+    def released(self, time_s: float) -> Trajectory:
+        """The same trajectory, setting off at a time."""
+        ...
+
+
+@dataclass(frozen=True)
+class Standing:
+    """Stays where it is."""
+
+    x: float
+    y: float
+    yaw: float
+
+    def at(self, time_s: float) -> Motion:
+        return Motion(self.x, self.y, self.yaw)
+
+    def released(self, time_s: float) -> Standing:
+        return self
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A piece of constant curvature (1/m, positive to the left; 0 is straight) that starts at a pose."""
+
+    x: float
+    y: float
+    yaw: float
+    length: float
+    curvature: float = 0.0
+
+    def at(self, distance: float) -> tuple[float, float, float]:
+        """Pose (x, y, yaw) after a distance along the piece: the integral of (cos, sin)(yaw + curvature s)."""
+        half_turn = self.curvature * distance / 2
+        chord = distance * np.sinc(half_turn / np.pi)
+        x, y = self.x + chord * np.cos(self.yaw + half_turn), self.y + chord * np.sin(self.yaw + half_turn)
+        return float(x), float(y), self.yaw + 2 * half_turn
+
+
+@dataclass(frozen=True)
+class Path:
+    """Straights and arcs, each beginning where and as the one before it ends."""
+
+    segments: tuple[Segment, ...]
+
+    @classmethod
+    def from_pose(cls, x: float, y: float, yaw: float) -> Path:
+        """A path without length, to be extended by ``straight`` and ``arc``."""
+        return cls((Segment(x, y, yaw, 0.0),))
+
+    def straight(self, length: float) -> Path:
+        return self._extended(length, 0.0)
+
+    def arc(self, radius: float, angle: float) -> Path:
+        """A turn by ``angle`` (rad, positive to the left) on a circle of ``radius`` (m, positive)."""
+        if radius <= 0:
+            raise GeometryError(f"arc: expected a positive radius, found {radius} m")
+        return self._extended(abs(angle) * radius, np.sign(angle) / radius)
+
+    def _extended(self, length: float, curvature: float) -> Path:
+        if length < 0:
+            raise GeometryError(f"path: expected a length of at least 0, found {length} m")
+        return Path((*self.segments, Segment(*self.segments[-1].at(self.segments[-1].length), length, curvature)))
+
+    @property
+    def length(self) -> float:
+        return sum(segment.length for segment in self.segments)
+
+    def at(self, distance: float) -> tuple[float, float, float]:
+        """Pose (x, y, yaw) at a distance from the start; beyond either end, that end."""
+        left = min(max(distance, 0.0), self.length)
+        for segment in self.segments[:-1]:
+            if left <= segment.length:
+                return segment.at(left)
+            left -= segment.length
+        return self.segments[-1].at(min(left, self.segments[-1].length))
+
+
+@dataclass(frozen=True)
+class Route:
+    """Follows a path once at constant speed; waits at its start before ``start_s`` and stands at its end."""
+
+    path: Path
+    speed: float
+    start_s: float = 0.0
+
+    def at(self, time_s: float) -> Motion:
+        wanted = max(time_s - self.start_s, 0.0) * self.speed
+        distance = min(wanted, self.path.length)
+        moving = self.start_s <= time_s and wanted < self.path.length
+        return Motion(*self.path.at(distance), self.speed if moving else 0.0, distance)
+
+    def released(self, time_s: float) -> Route:
+        return replace(self, start_s=time_s)
+
+
+@dataclass(frozen=True)
+class Pacing:
+    """Walks back and forth between two points at constant speed, turning on the spot; waits at the first one."""
+
+    x0: float
+    y0: float
+    x1: float
+    y1: float
+    speed: float
+    start_s: float = 0.0
+
+    def at(self, time_s: float) -> Motion:
+        distance = max(time_s - self.start_s, 0.0) * self.speed
+        length = float(np.hypot(self.x1 - self.x0, self.y1 - self.y0))
+        lap, along = divmod(distance, length)
+        back = lap % 2 == 1
+        share = 1 - along / length if back else along / length
+        yaw = np.arctan2(self.y1 - self.y0, self.x1 - self.x0) + (np.pi if back else 0.0)
+        x, y = self.x0 + share * (self.x1 - self.x0), self.y0 + share * (self.y1 - self.y0)
+        return Motion(x, y, float(yaw), self.speed if time_s >= self.start_s else 0.0, distance)
+
+    def released(self, time_s: float) -> Pacing:
+        return replace(self, start_s=time_s)

@@ -1,0 +1,112 @@
+"""The garage with everybody in it, at one moment; it steps in time and answers rays.
+
+The mast stands at the world's origin and faces -x. The ego's own car is in the mast's scene and not in its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcdet_avp.errors import GeometryError
+from pcdet_avp.sim.actors import Actor, box_at, released, stands
+from pcdet_avp.sim.building import building_mesh
+from pcdet_avp.sim.cars import CarSpec, car_mesh
+from pcdet_avp.sim.garage import GarageLayout
+from pcdet_avp.sim.raytracer import RayTracer, TriangleScene
+from pcdet_avp.structures.pose import Pose
+
+# Instance numbers of faces that belong to no road user; a road user's faces carry its object id (>= 0).
+BUILDING_INSTANCE = -1
+EGO_INSTANCE = -2
+
+
+@dataclass(frozen=True, eq=False)
+class RoadUsers:
+    """Every road user but the ego: object_ids (N,) int, names (N,), boxes (N, 7) in the world frame."""
+
+    object_ids: np.ndarray
+    names: np.ndarray
+    boxes: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.object_ids)
+
+
+class World:
+    """A layout, its actors on scripted trajectories and the ego, whose pose is set from outside."""
+
+    world_from_infra = Pose.from_xyz_yaw(0.0, 0.0, yaw=np.pi)
+
+    def __init__(self, layout: GarageLayout, actors: Sequence[Actor], ego_spec: CarSpec, time_s: float = 0.0) -> None:
+        self.layout, self.ego_spec, self.time_s = layout, ego_spec, time_s
+        self._actors = {actor.object_id: actor for actor in actors}
+        if len(self._actors) != len(actors) or any(number < 0 for number in self._actors):
+            raise GeometryError(f"world: object ids must differ and be >= 0, found {[a.object_id for a in actors]}")
+        standing = [(actor.mesh_at(time_s), actor.object_id) for actor in actors if stands(actor)]
+        self.static_scene = TriangleScene([(building_mesh(layout), BUILDING_INSTANCE), *standing])
+        self._ego_mesh = car_mesh(ego_spec)
+        self._cache: dict[str, TriangleScene | RayTracer] = {}
+        self.set_ego(layout.road_start_x, layout.lane_y, 0.0)
+
+    @property
+    def actors(self) -> tuple[Actor, ...]:
+        """Every road user but the ego: parked, moving, walking."""
+        return tuple(self._actors.values())
+
+    def set_ego(self, x: float, y: float, yaw: float) -> None:
+        """Put the ego's centre at x, y (m), heading yaw (rad)."""
+        self.world_from_ego = Pose.from_xyz_yaw(x, y, yaw=yaw)
+        self._forget("ego_scene", "infra_tracer")
+
+    def advance_to(self, time_s: float) -> None:
+        """Every scripted road user goes to where it is at a time (s)."""
+        if time_s != self.time_s:
+            self.time_s = time_s
+            self._forget("moving_scene", "ego_tracer", "infra_tracer")
+
+    def release(self, object_id: int, time_s: float) -> None:
+        """Let a waiting road user set off at a time (s)."""
+        self._actors[object_id] = released(self._actors[object_id], time_s)
+        self._forget("moving_scene", "ego_tracer", "infra_tracer")
+
+    def road_users(self) -> RoadUsers:
+        """Everybody but the ego, at this moment."""
+        boxes = np.array([box_at(actor, self.time_s) for actor in self.actors]).reshape(-1, 7)
+        names = np.array([actor.name for actor in self.actors], dtype="<U10")
+        return RoadUsers(np.array(list(self._actors), dtype=np.int64), names, boxes)
+
+    def moving_scene(self) -> TriangleScene:
+        """Everybody on a trajectory, where they are now."""
+        return self._cached("moving_scene", self._build_moving_scene)
+
+    def ego_scene(self) -> TriangleScene:
+        """The ego's own car."""
+        mesh = self._ego_mesh.transformed
+        return self._cached("ego_scene", lambda: TriangleScene([(mesh(self.world_from_ego), EGO_INSTANCE)]))
+
+    def ego_tracer(self) -> RayTracer:
+        """What the ego's sensors can hit: all but itself."""
+        return self._cached("ego_tracer", lambda: RayTracer(self._others()))
+
+    def infra_tracer(self) -> RayTracer:
+        """What the mast's sensors can hit: all, the ego included."""
+        return self._cached("infra_tracer", lambda: RayTracer([*self._others(), self.ego_scene()]))
+
+    def _others(self) -> list[TriangleScene]:
+        return [self.static_scene, self.moving_scene()]
+
+    def _build_moving_scene(self) -> TriangleScene:
+        movers = [actor for actor in self.actors if not stands(actor)]
+        return TriangleScene([(actor.mesh_at(self.time_s), actor.object_id) for actor in movers])
+
+    def _cached(self, name, build):
+        if name not in self._cache:
+            self._cache[name] = build()
+        return self._cache[name]
+
+    def _forget(self, *names: str) -> None:
+        for name in names:
+            self._cache.pop(name, None)
