@@ -118,10 +118,11 @@ class RayTracer:
 
 
 def _ray_arrays(origins, directions, limits) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    directions = np.ascontiguousarray(directions, np.float32)
-    count = len(directions)
-    origins = np.ascontiguousarray(np.broadcast_to(np.asarray(origins, np.float32), (count, 3)))
-    return origins, directions, np.ascontiguousarray(np.broadcast_to(np.asarray(limits, np.float32), (count,)))
+    """Contiguous, writable float32 arrays (Embree's binding takes no others): (R, 3), (R, 3), (R,)."""
+    directions = np.require(directions, np.float32, "CW")
+    shapes = ((origins, directions.shape), (limits, directions.shape[:1]))
+    origins, limits = (np.require(np.broadcast_to(np.float32(a), shape), None, "CW") for a, shape in shapes)
+    return origins, directions, limits
 
 
 def _empty_mesh() -> Mesh:

@@ -1,0 +1,38 @@
+# make run   sets up and runs the main job end to end on the embedded garage
+# make test  sets up and runs the tests
+# make help  lists the rest
+PYTHON ?= python3
+VENV ?= .venv
+CFG ?= cfgs/avp/cp_small.yaml
+BIN := $(VENV)/bin
+export OMP_NUM_THREADS ?= 2
+
+.PHONY: help run test test-slow lint setup clean
+
+help:  ## this list
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/'
+
+# torch goes first and alone, so that no other package chooses its build.
+$(BIN)/.ready: setup.py constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install -q "torch==$$(sed -n 's/^torch==//p' constraints.txt)"
+	$(BIN)/pip install -q -e ".[test,gym]" -c constraints.txt
+	touch $@
+
+setup: $(BIN)/.ready  ## a virtual environment with everything in it
+
+run: setup  ## make the data set and look at it
+	$(BIN)/python tools/create_data.py --cfg $(CFG) --preview 6
+
+test: setup  ## the daily tests
+	$(BIN)/python -m pytest
+
+test-slow: setup  ## the tests on demand
+	$(BIN)/python -m pytest -m slow
+
+lint: setup  ## ruff
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+clean:  ## remove the environment; data and output stay
+	rm -rf $(VENV)

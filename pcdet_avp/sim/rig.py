@@ -1,0 +1,123 @@
+"""The sensors of both agents (paper, table "Parameter Settings of Sensors") and the capture of a frame.
+
+``capture(world, rig, key)`` is the one way from the garage to a ``Frame``: data set and closed loop both use it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcdet_avp.errors import ConfigError
+from pcdet_avp.sim.camera import render
+from pcdet_avp.sim.lidar import LidarNoise, sweep
+from pcdet_avp.sim.raytracer import RayTracer
+from pcdet_avp.sim.visibility import visible_vertices
+from pcdet_avp.sim.world import World
+from pcdet_avp.structures.boxes import transform_boxes
+from pcdet_avp.structures.camera import PinholeCamera
+from pcdet_avp.structures.frame import AgentView, Frame, Labels
+from pcdet_avp.structures.lidar_scan import LidarModel
+from pcdet_avp.structures.pose import Pose
+from pcdet_avp.structures.sensor_set import SOURCES
+
+
+@dataclass(frozen=True, eq=False)
+class AgentRig:
+    """The camera and the LiDAR of one agent, both in its frame (origin on the floor below the mast)."""
+
+    camera: PinholeCamera
+    lidar: LidarModel
+    lidar_noise: LidarNoise
+
+    @classmethod
+    def from_config(cls, cfg: Mapping) -> AgentRig:
+        """From one agent's part of DATA_CONFIG.SENSORS; angles there are in degrees."""
+        try:
+            return cls(_camera(cfg["CAMERA"]), _lidar(cfg["LIDAR"]), _lidar_noise(cfg["LIDAR"]))
+        except KeyError as missing:
+            raise ConfigError(f"DATA_CONFIG.SENSORS: missing key {missing}") from None
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """Both agents' sensors."""
+
+    ego: AgentRig
+    infra: AgentRig
+
+    @classmethod
+    def from_config(cls, sensors: Mapping) -> Rig:
+        """From DATA_CONFIG.SENSORS = {EGO: {CAMERA, LIDAR}, INFRA: {CAMERA, LIDAR}}."""
+        return cls(AgentRig.from_config(sensors["EGO"]), AgentRig.from_config(sensors["INFRA"]))
+
+
+def _camera(cfg: Mapping) -> PinholeCamera:
+    angles = np.radians(cfg["HFOV_DEG"]), np.radians(cfg["PITCH_DOWN_DEG"])
+    return PinholeCamera.looking_ahead(cfg["WIDTH"], cfg["HEIGHT"], angles[0], cfg["X_M"], cfg["Z_M"], angles[1])
+
+
+def _lidar(cfg: Mapping) -> LidarModel:
+    low, high, span, pitch = (
+        float(np.radians(cfg[k]))
+        for k in ("ELEVATION_MIN_DEG", "ELEVATION_MAX_DEG", "AZIMUTH_SPAN_DEG", "PITCH_DOWN_DEG")
+    )
+    mount = Pose.from_xyz_yaw(cfg["X_M"], 0.0, cfg["Z_M"], pitch_down=pitch)
+    return LidarModel(cfg["BEAMS"], cfg["COLUMNS"], low, high, span, mount)
+
+
+def _lidar_noise(cfg: Mapping) -> LidarNoise:
+    return LidarNoise(cfg["DROP_OFF"], cfg["RANGE_NOISE_M"], cfg.get("MATERIAL_INTENSITY", True))
+
+
+def capture(world: World, rig: Rig, key: Sequence[int], frame_id: str, sources: Sequence[str] = SOURCES) -> Frame:
+    """What the sensors in ``sources`` see of the world as it stands now, with the ground truth of every road user.
+
+    ``key`` (for example seed, scene, frame) fixes all sensor noise; each sensor has a random stream of its own,
+    so that a sensor's data do not depend on which others are captured.
+    """
+    users = world.road_users()
+    hits = np.zeros((len(users.object_ids), len(SOURCES)), np.int64)
+    views = {}
+    for agent, pose, agent_rig, tracer in (
+        ("ego", world.world_from_ego, rig.ego, world.ego_tracer()),
+        ("infra", world.world_from_infra, rig.infra, world.infra_tracer()),
+    ):
+        wanted = [source for source in sources if source.startswith(agent)]
+        views[agent], instances = _observe(agent, pose, agent_rig, tracer, world, key, wanted)
+        for source, instance in instances.items():
+            hits[:, SOURCES.index(source)] = count_instances(instance, users.object_ids)
+    boxes = transform_boxes(world.world_from_ego.inverse(), users.boxes)
+    seen = visible_vertices(world.ego_tracer(), rig.ego.camera, world.world_from_ego, users)
+    labels = Labels(boxes, users.names, users.object_ids, seen, hits)
+    return Frame(frame_id, world.time_s, views["ego"], views["infra"], labels)
+
+
+def _observe(
+    agent: str, pose: Pose, rig: AgentRig, tracer: RayTracer, world: World, key: Sequence[int], sources: Sequence[str]
+) -> tuple[AgentView, dict[str, np.ndarray]]:
+    """One agent's view, and per source the instance number behind each of its pixels or points."""
+    instances: dict[str, np.ndarray] = {}
+    image = depth = points = scan = None
+    if f"{agent}_camera" in sources:
+        rendered = render(tracer, rig.camera, pose, world.lighting, sensor_rng(key, f"{agent}_camera"))
+        image, depth, instances[f"{agent}_camera"] = rendered.image, rendered.depth, rendered.instance
+    if f"{agent}_lidar" in sources:
+        scan, behind = sweep(tracer, rig.lidar, pose, rig.lidar_noise, sensor_rng(key, f"{agent}_lidar"))
+        points, instances[f"{agent}_lidar"] = scan.points(), behind
+    return AgentView(pose, rig.camera, image, depth, points, scan), instances
+
+
+def sensor_rng(key: Sequence[int], source: str) -> np.random.Generator:
+    """The random stream of one sensor at one tick."""
+    return np.random.default_rng(np.random.SeedSequence([*key, SOURCES.index(source)]))
+
+
+def count_instances(instance: np.ndarray, object_ids: np.ndarray) -> np.ndarray:
+    """(N,) how often each object id occurs in ``instance`` (any shape; negative numbers are no objects)."""
+    if len(object_ids) == 0:
+        return np.zeros(0, np.int64)
+    flat = instance[instance >= 0]
+    return np.bincount(flat, minlength=int(object_ids.max()) + 1)[object_ids]

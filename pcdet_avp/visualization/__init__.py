@@ -1,0 +1,1 @@
+"""Pictures of frames, boxes and maps; numpy and OpenCV only, no display needed."""

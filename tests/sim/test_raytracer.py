@@ -1,0 +1,60 @@
+"""Hits computed by hand on boxes and planes."""
+
+import numpy as np
+
+from pcdet_avp.sim.mesh import Material, box_mesh
+from pcdet_avp.sim.raytracer import FAR_M, NO_FACE, RayTracer, TriangleScene
+
+AHEAD = np.array([[1, 0, 0], [0, 1, 0], [-1, 0, 0]], np.float32)
+
+
+def cube(x, number, material=Material.CONCRETE):
+    return box_mesh((2, 2, 2), (x, 0, 0), (0.5, 0.5, 0.5), material), number
+
+
+def test_nearest_of_two_scenes_wins_and_a_miss_says_so():
+    tracer = RayTracer([TriangleScene([cube(10, 3), cube(-6, 4)]), TriangleScene([cube(5, 7)])])
+    hits = tracer.cast(np.zeros(3, np.float32), AHEAD)
+    np.testing.assert_allclose(hits.distance, [4, FAR_M, 5], atol=1e-5)
+    assert tracer.instance[hits.face[[0, 2]]].tolist() == [7, 4]
+    assert hits.face[1] == NO_FACE
+
+
+def test_order_of_scenes_does_not_matter():
+    a, b = TriangleScene([cube(10, 3)]), TriangleScene([cube(5, 7)])
+    first, second = RayTracer([a, b]), RayTracer([b, a])
+    for tracer in (first, second):
+        hits = tracer.cast(np.zeros(3, np.float32), AHEAD[:1])
+        assert tracer.instance[hits.face[0]] == 7
+
+
+def test_a_limit_before_the_wall_means_no_hit():
+    tracer = RayTracer([TriangleScene([cube(10, 0)])])
+    assert tracer.cast(np.zeros(3, np.float32), AHEAD[:1], np.float32(8.9)).face[0] == NO_FACE
+    assert tracer.cast(np.zeros(3, np.float32), AHEAD[:1], np.float32(9.1)).face[0] != NO_FACE
+    assert not tracer.occluded(np.zeros(3, np.float32), AHEAD[:1], np.float32(8.9))[0]
+    assert tracer.occluded(np.zeros(3, np.float32), AHEAD[:1], np.float32(9.1))[0]
+
+
+def test_distance_counts_in_lengths_of_the_direction():
+    tracer = RayTracer([TriangleScene([cube(10, 0)])])
+    assert tracer.cast(np.zeros(3, np.float32), 3 * AHEAD[:1]).distance[0] == np.float32(3)
+
+
+def test_barycentric_weights_rebuild_the_hit_point():
+    rng = np.random.default_rng(0)
+    scene = TriangleScene([cube(3, 0)])
+    directions = np.column_stack([np.full(200, 1), rng.uniform(-0.4, 0.4, (200, 2))]).astype(np.float32)
+    hits = RayTracer([scene]).cast(np.zeros(3, np.float32), directions)
+    corners = scene.mesh.vertices[scene.mesh.faces[hits.face]]
+    weights = np.stack([1 - hits.u - hits.v, hits.u, hits.v], 1)
+    points = (weights[..., None] * corners).sum(1)
+    np.testing.assert_allclose(points, hits.distance[:, None] * directions, atol=1e-5)
+
+
+def test_no_scene_and_no_rays():
+    empty = RayTracer([TriangleScene([])])
+    assert empty.cast(np.zeros(3, np.float32), AHEAD).face.tolist() == [NO_FACE] * 3
+    assert len(empty.colors) == len(empty.instance) == 0
+    full = RayTracer([TriangleScene([cube(3, 0)])])
+    assert len(full.cast(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32)).face) == 0
