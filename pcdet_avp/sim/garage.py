@@ -2,12 +2,16 @@
 
 World frame: the origin lies on the floor below the roadside mast, on the axis of the straight road; the ego
 drives towards +x (in the right lane, y = -lane/2), the mast looks back along -x. A wall closes the road just
-behind the mast. The side road joins from the ego's right (y < 0).
+behind the mast. The side road joins from the ego's right (y < 0); its exiting lane lies at ``exit_lane_x``. Between
+side road and mast there are only parapets, so that the mast overlooks the exiting lane.
+
+``sim/layouts.py`` draws a plan.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -46,6 +50,14 @@ class Wall:
     height: float
     thickness: float = 0.2
 
+    @property
+    def box(self) -> tuple[float, float, float, float, float, float, float]:
+        """Its body as x, y, z, dx, dy, dz, heading."""
+        along = self.x1 - self.x0, self.y1 - self.y0
+        size = float(np.hypot(*along)), self.thickness, self.height
+        centre = (self.x0 + self.x1) / 2, (self.y0 + self.y1) / 2, self.height / 2
+        return (*centre, *size, float(np.arctan2(along[1], along[0])))
+
 
 @dataclass(frozen=True)
 class Lamp:
@@ -78,11 +90,32 @@ class GarageLayout:
         """Lateral position of the ego's lane centre."""
         return -LANE_WIDTH_M / 2
 
+    @property
+    def exit_lane_x(self) -> float:
+        """Centre of the side road's lane that leads to the road (right-hand traffic towards +y)."""
+        return self.junction_x + LANE_WIDTH_M / 2
+
+    @property
+    def entry_lane_x(self) -> float:
+        """Centre of the side road's lane that leads away from the road (towards -y)."""
+        return self.junction_x - LANE_WIDTH_M / 2
+
     def slot_gaps(self) -> np.ndarray:
         """(G, 3) x, y, heading of the mouths of the gaps between neighbouring slots of a row (no pillar between)."""
-        gaps = []
-        for a in self.slots:
-            for b in self.slots:
-                if a.heading == b.heading and abs((b.x - a.x) - SLOT_WIDTH_M) < 0.3:
-                    gaps.append(((a.x + b.x) / 2, np.sign(a.y) * LANE_WIDTH_M, a.heading))
+        gaps = [self.gap_between(a, b) for a, b in self.neighbours()]
         return np.array(gaps).reshape(-1, 3)
+
+    def neighbours(self) -> list[tuple[Slot, Slot]]:
+        """Pairs of slots that share a long side, by row and x."""
+        row = sorted(self.slots, key=lambda slot: (slot.heading, slot.x))
+        return [(a, b) for a, b in pairwise(row) if a.heading == b.heading and abs(b.x - a.x - SLOT_WIDTH_M) < 0.05]
+
+    @staticmethod
+    def gap_between(a: Slot, b: Slot) -> tuple[float, float, float]:
+        """x, y, heading of the point where the line between two slots meets the road."""
+        return (a.x + b.x) / 2, float(np.sign(a.y)) * LANE_WIDTH_M, a.heading
+
+    def solid_boxes(self) -> np.ndarray:
+        """(M, 7) boxes of pillars and walls: where nobody can be."""
+        pillars = [(p.x, p.y, self.ceiling_m / 2, p.size, p.size, self.ceiling_m, 0.0) for p in self.pillars]
+        return np.array(pillars + [wall.box for wall in self.walls]).reshape(-1, 7)
