@@ -1,6 +1,7 @@
-"""Metrics: average precision as the paper counts it, and the benchmark table beside the paper's. numpy and numba only."""
+"""Metrics: average precision as the paper counts it, and the benchmark table. numpy and numba, no torch."""
 
+from pcdet_avp.evaluation.bootstrap import Gain, bootstrap_gain
 from pcdet_avp.evaluation.inputs import Detections, GroundTruth, Region
-from pcdet_avp.evaluation.summary import evaluate
+from pcdet_avp.evaluation.summary import evaluate, score_thresholds
 
-__all__ = ["Detections", "GroundTruth", "Region", "evaluate"]
+__all__ = ["Detections", "Gain", "GroundTruth", "Region", "bootstrap_gain", "evaluate", "score_thresholds"]

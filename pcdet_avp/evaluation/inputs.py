@@ -59,7 +59,8 @@ class Detections:
     def from_annotation(cls, annotation: Mapping) -> Detections:
         """From OpenPCDet's prediction dictionary: frame_id, boxes_lidar (M, 7), name (M,), score (M,)."""
         boxes = np.asarray(annotation["boxes_lidar"], dtype=np.float64).reshape(-1, 7)
-        return cls(str(annotation["frame_id"]), boxes, np.asarray(annotation["name"]), np.asarray(annotation["score"]))
+        names, scores = np.asarray(annotation["name"], dtype=str), np.asarray(annotation["score"], dtype=np.float64)
+        return cls(str(annotation["frame_id"]), boxes, names, scores)
 
     def select(self, mask: np.ndarray) -> Detections:
         """The rows where mask (M,) is true."""
