@@ -15,6 +15,7 @@ setup(
     long_description=(HERE / "README.md").read_text(),
     long_description_content_type="text/markdown",
     packages=find_packages(include=["pcdet_avp*"]),
+    package_data={"pcdet_avp.evaluation": ["paper_tables.json"]},
     python_requires=">=3.10",
     install_requires=[
         "torch>=2.4",
