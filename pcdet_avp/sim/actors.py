@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from pcdet_avp.sim.pedestrians import PedestrianSpec, pedestrian_mesh
 from pcdet_avp.sim.trajectories import Motion, Standing, Trajectory
 from pcdet_avp.structures.pose import Pose
 
-STRIDE_M = 1.4  # an adult covers this in one gait cycle (two steps)
+STRIDE_PER_HEIGHT = 0.8  # one gait cycle (two steps) covers this many body heights
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,43 +22,29 @@ class Car:
     object_id: int
     spec: CarSpec
     trajectory: Trajectory
+    lamps_on: bool = False
     name = "Car"
 
-    @cached_property
-    def mesh(self) -> Mesh:
-        """The body about its own centre on the floor, facing +x."""
-        return car_mesh(self.spec)
-
-    @cached_property
-    def size(self) -> np.ndarray:
-        """(3,) length, width, height of the mesh, metres."""
-        return np.ptp(self.mesh.vertices, axis=0).astype(np.float64)
-
     def mesh_at(self, time_s: float) -> Mesh:
-        return self.mesh.transformed(floor_pose(self.trajectory.at(time_s)))
+        """In the world frame."""
+        return car_mesh(self.spec).transformed(floor_pose(self.trajectory.at(time_s)))
 
 
 @dataclass(frozen=True, eq=False)
 class Pedestrian:
-    """A person; ``object_id`` (>= 0) is constant over a scene."""
+    """A person; ``object_id`` (>= 0) is constant over a scene. The box does not swing with arms and legs."""
 
     object_id: int
     spec: PedestrianSpec
     trajectory: Trajectory
     name = "Pedestrian"
 
-    @property
-    def size(self) -> np.ndarray:
-        """(3,) CARLA's capsule box: it does not swing with arms and legs."""
-        return np.array([self.spec.box_width, self.spec.box_width, self.spec.height])
-
     def mesh_at(self, time_s: float) -> Mesh:
+        """In the world frame."""
         motion = self.trajectory.at(time_s)
-        phase = 2 * np.pi * motion.distance * ADULT_HEIGHT_M / (STRIDE_M * self.spec.height)
+        phase = 2 * np.pi * motion.distance / (STRIDE_PER_HEIGHT * self.spec.height)
         return pedestrian_mesh(self.spec, phase, motion.speed > 0).transformed(floor_pose(motion))
 
-
-ADULT_HEIGHT_M = 1.75  # strides scale with height
 
 Actor = Car | Pedestrian
 
@@ -71,8 +56,12 @@ def stands(actor: Actor) -> bool:
 
 def box_at(actor: Actor, time_s: float) -> np.ndarray:
     """(7,) label box in the world frame."""
-    motion = actor.trajectory.at(time_s)
-    return np.array([motion.x, motion.y, actor.size[2] / 2, *actor.size, motion.yaw])
+    return floor_box(actor.trajectory.at(time_s), actor.spec.size)
+
+
+def floor_box(motion: Motion, size: tuple[float, float, float]) -> np.ndarray:
+    """(7,) box of a size (length, width, height) that stands on the floor."""
+    return np.array([motion.x, motion.y, size[2] / 2, *size, motion.yaw])
 
 
 def released(actor: Actor, time_s: float) -> Actor:

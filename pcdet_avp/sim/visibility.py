@@ -46,7 +46,7 @@ def _targets(corners: np.ndarray, boxes: np.ndarray) -> np.ndarray:
 
 
 def blocked_by_others(tracer: RayTracer, eye: np.ndarray, targets: np.ndarray, owners: np.ndarray) -> np.ndarray:
-    """Mask (R,) of straight lines from eye (3,) to targets (R, 3) that meet a face of another instance than owners (R,).
+    """Mask (R,) of lines from eye (3,) to targets (R, 3) that meet a face of an instance other than owners (R,).
 
     A line that meets its own object first is followed on behind that face, until it ends or meets another's.
     """

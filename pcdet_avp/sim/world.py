@@ -15,12 +15,15 @@ from pcdet_avp.sim.actors import Actor, box_at, released, stands
 from pcdet_avp.sim.building import building_mesh
 from pcdet_avp.sim.cars import CarSpec, car_mesh
 from pcdet_avp.sim.garage import GarageLayout
+from pcdet_avp.sim.mesh import Mesh
 from pcdet_avp.sim.raytracer import RayTracer, TriangleScene
+from pcdet_avp.structures.ego import EGO_LENGTH_M, EGO_WIDTH_M
 from pcdet_avp.structures.pose import Pose
 
 # Instance numbers of faces that belong to no road user; a road user's faces carry its object id (>= 0).
 BUILDING_INSTANCE = -1
 EGO_INSTANCE = -2
+EGO_SPEC = CarSpec("sedan", EGO_LENGTH_M, EGO_WIDTH_M, 1.5, (0.55, 0.56, 0.58))
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,14 +43,13 @@ class World:
 
     world_from_infra = Pose.from_xyz_yaw(0.0, 0.0, yaw=np.pi)
 
-    def __init__(self, layout: GarageLayout, actors: Sequence[Actor], ego_spec: CarSpec, time_s: float = 0.0) -> None:
-        self.layout, self.ego_spec, self.time_s = layout, ego_spec, time_s
+    def __init__(self, layout: GarageLayout, actors: Sequence[Actor]) -> None:
+        self.layout, self.time_s = layout, 0.0
         self._actors = {actor.object_id: actor for actor in actors}
         if len(self._actors) != len(actors) or any(number < 0 for number in self._actors):
             raise GeometryError(f"world: object ids must differ and be >= 0, found {[a.object_id for a in actors]}")
-        standing = [(actor.mesh_at(time_s), actor.object_id) for actor in actors if stands(actor)]
+        standing = [(actor.mesh_at(0.0), actor.object_id) for actor in actors if stands(actor)]
         self.static_scene = TriangleScene([(building_mesh(layout), BUILDING_INSTANCE), *standing])
-        self._ego_mesh = car_mesh(ego_spec)
         self._cache: dict[str, TriangleScene | RayTracer] = {}
         self.set_ego(layout.road_start_x, layout.lane_y, 0.0)
 
@@ -84,8 +86,7 @@ class World:
 
     def ego_scene(self) -> TriangleScene:
         """The ego's own car."""
-        mesh = self._ego_mesh.transformed
-        return self._cached("ego_scene", lambda: TriangleScene([(mesh(self.world_from_ego), EGO_INSTANCE)]))
+        return self._cached("ego_scene", lambda: TriangleScene([(self._ego_mesh(), EGO_INSTANCE)]))
 
     def ego_tracer(self) -> RayTracer:
         """What the ego's sensors can hit: all but itself."""
@@ -94,6 +95,9 @@ class World:
     def infra_tracer(self) -> RayTracer:
         """What the mast's sensors can hit: all, the ego included."""
         return self._cached("infra_tracer", lambda: RayTracer([*self._others(), self.ego_scene()]))
+
+    def _ego_mesh(self) -> Mesh:
+        return car_mesh(EGO_SPEC).transformed(self.world_from_ego)
 
     def _others(self) -> list[TriangleScene]:
         return [self.static_scene, self.moving_scene()]

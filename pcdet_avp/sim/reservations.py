@@ -1,0 +1,35 @@
+"""Who fills which piece of floor when, so that nobody is scripted into anybody else."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pcdet_avp.sim.actors import floor_box
+from pcdet_avp.sim.trajectories import Trajectory
+from pcdet_avp.structures.rotated_iou import bev_intersection
+
+
+class Reservations:
+    """Footprints of everybody accepted so far: what never moves, and what moves, at ``times_s`` (T,)."""
+
+    def __init__(self, times_s: np.ndarray, standing: np.ndarray) -> None:
+        """``standing`` (M, 7): boxes that fill their floor for ever."""
+        self._times_s, self._standing, self._moving = np.asarray(times_s), standing, []
+
+    def claim(self, trajectory: Trajectory, size: tuple[float, float, float], margin_m: float) -> bool:
+        """Reserve the floor under a trajectory if it stays ``margin_m`` clear of everybody; say whether it was free."""
+        footprint = self._footprint(trajectory, size)
+        if not self._free(footprint + [0, 0, 0, 2 * margin_m, 2 * margin_m, 0, 0]):
+            return False
+        self._moving.append(footprint)
+        return True
+
+    def _footprint(self, trajectory: Trajectory, size: tuple[float, float, float]) -> np.ndarray:
+        """(T, 7)."""
+        return np.array([floor_box(trajectory.at(t), size) for t in self._times_s])
+
+    def _free(self, footprint: np.ndarray) -> bool:
+        meets_standing = bev_intersection(footprint, self._standing).any()
+        return not meets_standing and not any(
+            np.diagonal(bev_intersection(footprint, other)).any() for other in self._moving
+        )
