@@ -1,0 +1,18 @@
+"""Data sets: records on disk, and what the network is fed with. Importing this package costs nothing."""
+
+from __future__ import annotations
+
+import logging
+
+from pcdet_avp.config import require
+from pcdet_avp.registry import DATASETS
+
+
+def build_dataset(
+    dataset_cfg, class_names: list[str], training: bool, split: str | None = None, logger: logging.Logger | None = None
+):
+    """The data set that ``DATA_CONFIG.DATASET`` names; ``split`` overrides ``DATA_SPLIT`` ('train', 'val', 'test')."""
+    from pcdet_avp.datasets.avp import avp_dataset  # noqa: F401  torch is imported, and the class registered, only here
+
+    cls = DATASETS[require(dataset_cfg, "DATASET", str)]
+    return cls(dataset_cfg=dataset_cfg, class_names=class_names, training=training, logger=logger, split=split)

@@ -1,0 +1,142 @@
+"""Writing a ``Frame`` to disk: the same frame gives the same bytes."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import uuid
+import zlib
+from pathlib import Path
+
+import numpy as np
+
+from pcdet_avp.datasets.avp.fields import write_json
+from pcdet_avp.datasets.avp.image_files import encode_depth, encode_image
+from pcdet_avp.datasets.avp.layout import FRAME_FILE, PARTIAL_SUFFIX, POINT_LIST, RANGE_IMAGE, SCHEMA_VERSION, frame_dir
+from pcdet_avp.datasets.avp.scan_codec import encode_scan
+from pcdet_avp.errors import RecordError
+from pcdet_avp.structures.frame import AgentView, Frame, Labels
+from pcdet_avp.structures.lidar_scan import LidarScan
+from pcdet_avp.structures.pose import Pose
+
+Files = dict[str, bytes]  # name -> content, in the order of writing
+
+
+def write_frame(root: str | Path, frame: Frame) -> int:
+    """Write one frame below ``root``, replacing an older one of the same id. Returns the bytes it takes."""
+    folder = frame_dir(root, frame.frame_id)
+    files: Files = {}
+    content = {
+        "schema_version": SCHEMA_VERSION,
+        "frame_id": frame.frame_id,
+        "time_s": float(frame.time_s),
+        "ego": _agent(frame.ego, "ego", files),
+        "infra": _agent(frame.infra, "infra", files),
+        "labels": _labels(frame.labels),
+    }
+    content["files"] = {n: {"bytes": len(data), "crc32": f"{zlib.crc32(data):08x}"} for n, data in files.items()}
+    return _write_folder(folder, files, content)
+
+
+def _write_folder(folder: Path, files: Files, content: dict) -> int:
+    """All files into a folder beside the final one, then one rename."""
+    partial = folder.with_name(f".{folder.name}.{uuid.uuid4().hex}{PARTIAL_SUFFIX}")
+    try:
+        partial.mkdir(parents=True)
+        for name, data in files.items():
+            (partial / name).write_bytes(data)
+        size = write_json(partial / FRAME_FILE, content)
+        _move_into_place(partial, folder)
+    except OSError as error:
+        raise RecordError(f"{folder}: cannot write this frame ({error.strerror})") from error
+    finally:
+        if partial.exists():
+            shutil.rmtree(partial, ignore_errors=True)
+    return size + sum(map(len, files.values()))
+
+
+def _move_into_place(partial: Path, folder: Path) -> None:
+    """A rename cannot replace a folder that is not empty, so an older frame is first moved aside."""
+    if folder.exists():
+        old = partial.with_name(f".{folder.name}.{uuid.uuid4().hex}{PARTIAL_SUFFIX}")
+        os.rename(folder, old)
+        os.rename(partial, folder)
+        shutil.rmtree(old, ignore_errors=True)
+    else:
+        os.rename(partial, folder)
+
+
+def _agent(view: AgentView, agent: str, files: Files) -> dict:
+    return {
+        "world_from_agent": _matrix(view.world_from_agent),
+        "camera": _camera(view, agent, files),
+        "lidar": _lidar(view, agent, files),
+    }
+
+
+def _camera(view: AgentView, agent: str, files: Files) -> dict | None:
+    camera = view.camera
+    if camera is None:
+        return None
+    entry = {
+        **{key: int(getattr(camera, key)) for key in ("width", "height")},
+        **{key: float(getattr(camera, key)) for key in ("fx", "fy", "cx", "cy")},
+        "agent_from_camera": _matrix(camera.agent_from_camera),
+        "image": None,
+        "depth": None,
+    }
+    for key, array, encode, name in (
+        ("image", view.image, encode_image, f"{agent}_camera.png"),
+        ("depth", view.depth, encode_depth, f"{agent}_depth.png"),
+    ):
+        if array is not None:
+            if array.shape[:2] != (camera.height, camera.width):
+                raise RecordError(
+                    f"{agent}.{key}: its shape {array.shape} is not the camera's {camera.height} x {camera.width}"
+                )
+            entry[key], files[name] = name, encode(array)
+    return entry
+
+
+def _lidar(view: AgentView, agent: str, files: Files) -> dict | None:
+    if view.scan is not None:
+        name = f"{agent}_lidar.scan.zst"
+        files[name] = encode_scan(view.scan)
+        return {"format": RANGE_IMAGE, "file": name, **_model(view.scan)}
+    if view.points is not None:
+        points = np.asarray(view.points)
+        if points.ndim != 2 or points.shape[1] != 4 or not np.isfinite(points).all():
+            raise RecordError(f"{agent}.points: expected finite (P, 4), found {points.shape} or values not finite")
+        name = f"{agent}_lidar.bin"
+        files[name] = points.astype("<f4").tobytes()
+        return {"format": POINT_LIST, "file": name}
+    return None
+
+
+def _model(scan: LidarScan) -> dict:
+    model = scan.model
+    return {
+        "beams": int(model.beams),
+        "columns": int(model.columns),
+        "elevation_min_rad": float(model.elevation_min),
+        "elevation_max_rad": float(model.elevation_max),
+        "azimuth_span_rad": float(model.azimuth_span),
+        "agent_from_lidar": _matrix(model.agent_from_lidar),
+    }
+
+
+def _labels(labels: Labels) -> list[dict]:
+    return [
+        {
+            "class": str(labels.names[i]),
+            "box": [float(v) for v in labels.boxes[i, :7]],
+            "id": int(labels.object_ids[i]),
+            "visible_vertices": int(labels.visible_vertices[i]),
+            "hits": [int(v) for v in labels.hits[i]],
+        }
+        for i in range(len(labels))
+    ]
+
+
+def _matrix(pose: Pose) -> list[list[float]]:
+    return pose.matrix.tolist()
