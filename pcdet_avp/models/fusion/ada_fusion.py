@@ -1,0 +1,26 @@
+"""The paper's proposal: C-AdaFusion over the results of S-AdaFusion and C-AdaFusion (section "Feature Fusion")."""
+
+from __future__ import annotations
+
+from torch import Tensor
+
+from pcdet_avp.models.fusion.channel_ada import ChannelAdaFusion
+from pcdet_avp.models.fusion.masked import MapFuser, Maps, Masks, union
+from pcdet_avp.models.fusion.spatial_ada import SpatialAdaFusion
+from pcdet_avp.registry import FUSERS
+
+
+@FUSERS.register("AdaFusion")
+class AdaFusion(MapFuser):
+    """Adaptive in space and over the maps."""
+
+    def __init__(self, model_cfg: dict) -> None:
+        super().__init__()
+        self.spatial = SpatialAdaFusion(model_cfg)
+        self.channel = ChannelAdaFusion(model_cfg)
+        self.combine = ChannelAdaFusion(model_cfg, slots=2)
+
+    def fuse(self, maps: Maps, masks: Masks) -> Tensor:
+        X_spatial, X_channel = self.spatial.fuse(maps, masks), self.channel.fuse(maps, masks)
+        present = union(masks)
+        return self.combine.fuse({0: X_spatial, 1: X_channel}, {0: present, 1: present})

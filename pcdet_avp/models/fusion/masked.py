@@ -1,0 +1,79 @@
+"""What every fuser shares: maps in fixed slots, each with a mask that says where it is present.
+
+``Maps`` are slot -> X_i (B, C, H, W), zero where absent; ``Masks`` are slot -> m_i (B, 1, H, W) bool. A slot without
+an entry is absent everywhere and gives the very bits that an all-false mask gives: sums start at zero, run in the
+order of the slots, and absent cells add zero.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+from pcdet_avp.errors import SensorError
+from pcdet_avp.structures.sensor_set import SOURCES
+
+Maps = dict[int, Tensor]
+Masks = dict[int, Tensor]
+
+
+class MapFuser(nn.Module):
+    """Base of the fusers: takes the maps from the batch, hides what is absent, and calls ``fuse``."""
+
+    def forward(self, batch_dict: dict) -> dict:
+        """
+        Args: batch_dict:
+            bev_maps[source] (B, C, H, W), bev_valid[source] (B, 1, H, W) bool, ego grid, any subset but the empty one
+        Returns: batch_dict with
+            spatial_features (B, C, H, W), zero where no source is present
+        """
+        maps, masks = slots_of(batch_dict["bev_maps"], batch_dict["bev_valid"])
+        return {**batch_dict, "spatial_features": self.fuse(maps, masks)}
+
+    def fuse(self, maps: Maps, masks: Masks) -> Tensor:
+        """One map (B, C, H, W) from those present."""
+        raise NotImplementedError
+
+
+def slots_of(bev_maps: dict[str, Tensor], bev_valid: dict[str, Tensor]) -> tuple[Maps, Masks]:
+    """The maps in the order of SOURCES, whatever order they came in; masked values, even NaN, become zero."""
+    if not bev_maps:
+        raise SensorError("fusion: no feature map from any of the four sources")
+    unknown = set(bev_maps) - set(SOURCES)
+    if unknown:
+        raise SensorError(f"fusion: unknown sources {sorted(unknown)}; known: {', '.join(SOURCES)}")
+    masks = {slot: bev_valid[source].bool() for slot, source in enumerate(SOURCES) if source in bev_maps}
+    maps = {slot: torch.where(mask, bev_maps[SOURCES[slot]], 0) for slot, mask in masks.items()}
+    return maps, masks
+
+
+def average(maps: Maps, masks: Masks) -> Tensor:
+    """X_avg: per cell the mean over the maps present, zero where there is none."""
+    dtype = next(iter(maps.values())).dtype
+    count = sum(mask.to(dtype) for mask in masks.values())
+    return sum(maps.values()) / count.clamp(min=1)
+
+
+def maximum(maps: Maps, masks: Masks) -> Tensor:
+    """X_max: per cell and channel the maximum over the maps present, zero where there is none."""
+    highest = None
+    for slot, X in maps.items():
+        X = torch.where(masks[slot], X, -torch.inf)
+        highest = X if highest is None else torch.maximum(highest, X)
+    return torch.where(union(masks), highest, 0)
+
+
+def union(masks: Masks) -> Tensor:
+    """(B, 1, H, W) bool: cells in which at least one map is present."""
+    present = None
+    for mask in masks.values():
+        present = mask if present is None else present | mask
+    return present
+
+
+def descriptors(X: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
+    """max(X_i) and avg(X_i), each (B,) float32, over the present cells of a map; zero where there is none."""
+    cells = mask.flatten(1).sum(1)
+    highest = torch.where(mask, X, -torch.inf).float().amax((1, 2, 3))
+    mean = X.float().sum((1, 2, 3)) / (cells * X.shape[1]).clamp(min=1)
+    return torch.where(cells > 0, highest, 0), mean

@@ -1,0 +1,30 @@
+"""Fusion without parameters: the average and the maximum over the maps present."""
+
+from __future__ import annotations
+
+from torch import Tensor
+
+from pcdet_avp.models.fusion.masked import MapFuser, Maps, Masks, average, maximum
+from pcdet_avp.registry import FUSERS
+
+
+@FUSERS.register("AverageFusion")
+class AverageFusion(MapFuser):
+    """X_avg of the paper, divided by the number of maps present in the cell instead of by four."""
+
+    def __init__(self, model_cfg: dict) -> None:
+        super().__init__()
+
+    def fuse(self, maps: Maps, masks: Masks) -> Tensor:
+        return average(maps, masks)
+
+
+@FUSERS.register("MaxFusion")
+class MaxFusion(MapFuser):
+    """X_max of the paper, over the maps present in the cell."""
+
+    def __init__(self, model_cfg: dict) -> None:
+        super().__init__()
+
+    def fuse(self, maps: Maps, masks: Masks) -> Tensor:
+        return maximum(maps, masks)
