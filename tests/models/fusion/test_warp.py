@@ -71,12 +71,14 @@ def test_a_map_made_in_the_infra_frame_lands_where_the_ego_would_make_it():
     infra_map = torch.tensor(field(ego_from_infra.apply(centres)))[None, None]
     everywhere = torch.ones(1, 1, H, W, dtype=torch.bool)
     warped, present = warp(infra_map, everywhere, torch.tensor(ego_from_infra.matrix)[None], GRID)
-    error = np.abs(warped[0, 0].numpy() - field(centres))[present[0, 0].numpy()]
-    assert present.float().mean() > 0.3
-    assert error.max() < 0.2**2  # a bilinear interpolation's error is about (cell / 2)^2 times the curvature
-
-    seen_by_infra = GRID.contains_bev(ego_from_infra.inverse().apply(centres))
-    assert (present[0, 0].numpy() == seen_by_infra).mean() > 0.97
+    error, present = np.abs(warped[0, 0].numpy() - field(centres)), present[0, 0].numpy()
+    in_infra = ego_from_infra.inverse().apply(centres)
+    margin = np.array([GRID.cell_m / 2, GRID.cell_m / 2, 0])
+    interior = GRID.contains_bev(in_infra - margin) & GRID.contains_bev(in_infra + margin)
+    assert interior.mean() > 0.3
+    assert error[interior].max() < 0.2**2  # bilinear: about (cell / 2)^2 times the curvature
+    assert error[present].max() < 0.2 * 1.2  # at the border: half a cell times the slope
+    assert (present == GRID.contains_bev(in_infra)).mean() > 0.97
 
 
 def test_a_single_point_keeps_its_cell():
