@@ -27,7 +27,7 @@ class Car:
 
     def mesh_at(self, time_s: float) -> Mesh:
         """In the world frame."""
-        return car_mesh(self.spec).transformed(floor_pose(self.trajectory.at(time_s)))
+        return car_mesh(self.spec).transformed(pose_at(self, time_s))
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class Pedestrian:
         """In the world frame."""
         motion = self.trajectory.at(time_s)
         phase = 2 * np.pi * motion.distance / (STRIDE_PER_HEIGHT * self.spec.height)
-        return pedestrian_mesh(self.spec, phase, motion.speed > 0).transformed(floor_pose(motion))
+        return pedestrian_mesh(self.spec, phase, motion.speed > 0).transformed(pose_at(self, time_s))
 
 
 Actor = Car | Pedestrian
@@ -52,6 +52,12 @@ Actor = Car | Pedestrian
 def stands(actor: Actor) -> bool:
     """Whether the actor can never move, so that its mesh belongs to what is built once."""
     return isinstance(actor.trajectory, Standing)
+
+
+def pose_at(actor: Actor, time_s: float) -> Pose:
+    """world_from_actor."""
+    motion = actor.trajectory.at(time_s)
+    return Pose.from_xyz_yaw(motion.x, motion.y, yaw=motion.yaw)
 
 
 def box_at(actor: Actor, time_s: float) -> np.ndarray:
@@ -67,8 +73,3 @@ def floor_box(motion: Motion, size: tuple[float, float, float]) -> np.ndarray:
 def released(actor: Actor, time_s: float) -> Actor:
     """The same road user, setting off at a time."""
     return replace(actor, trajectory=actor.trajectory.released(time_s))
-
-
-def floor_pose(motion: Motion) -> Pose:
-    """world_from_actor."""
-    return Pose.from_xyz_yaw(motion.x, motion.y, yaw=motion.yaw)

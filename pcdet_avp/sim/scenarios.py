@@ -14,6 +14,7 @@ from pcdet_avp.sim.actors import Actor, Car, Pedestrian, box_at
 from pcdet_avp.sim.cars import CarSpec, draw_car
 from pcdet_avp.sim.garage import GarageLayout
 from pcdet_avp.sim.layouts import GarageConfig, draw_layout
+from pcdet_avp.sim.lights import draw_lighting
 from pcdet_avp.sim.pedestrians import draw_pedestrian
 from pcdet_avp.sim.reservations import Reservations
 from pcdet_avp.sim.traffic import draw_junction_route, draw_lane_route, draw_parked
@@ -84,7 +85,7 @@ def draw_training_scene(rng: np.random.Generator, cfg: SceneConfig | None = None
     zone = cfg.zones[rng.choice(len(cfg.zones), p=[zone.share for zone in cfg.zones])]
     ego = _draw_ego(rng, cfg, layout, zone, times[-1])
     actors = _Cast(rng, cfg, layout, ego, times).draw(zone)
-    return TrainingScene(World(layout, actors), ego, times)
+    return TrainingScene(World(layout, actors, draw_lighting(layout.lamps, rng)), ego, times)
 
 
 def _draw_ego(rng, cfg: SceneConfig, layout: GarageLayout, zone: EgoZone, duration: float) -> Route:

@@ -6,15 +6,16 @@ The mast stands at the world's origin and faces -x. The ego's own car is in the 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pcdet_avp.errors import GeometryError
-from pcdet_avp.sim.actors import Actor, box_at, released, stands
+from pcdet_avp.sim.actors import Actor, Car, box_at, pose_at, released, stands
 from pcdet_avp.sim.building import building_mesh
 from pcdet_avp.sim.cars import CarSpec, car_mesh
 from pcdet_avp.sim.garage import GarageLayout
+from pcdet_avp.sim.lights import Lighting, headlamps_of
 from pcdet_avp.sim.mesh import Mesh
 from pcdet_avp.sim.raytracer import RayTracer, TriangleScene
 from pcdet_avp.structures.ego import EGO_LENGTH_M, EGO_WIDTH_M
@@ -43,8 +44,10 @@ class World:
 
     world_from_infra = Pose.from_xyz_yaw(0.0, 0.0, yaw=np.pi)
 
-    def __init__(self, layout: GarageLayout, actors: Sequence[Actor]) -> None:
+    def __init__(self, layout: GarageLayout, actors: Sequence[Actor], lighting: Lighting) -> None:
+        """``lighting`` without head lamps: those of moving cars and of the ego are added."""
         self.layout, self.time_s = layout, 0.0
+        self._lighting = lighting
         self._actors = {actor.object_id: actor for actor in actors}
         if len(self._actors) != len(actors) or any(number < 0 for number in self._actors):
             raise GeometryError(f"world: object ids must differ and be >= 0, found {[a.object_id for a in actors]}")
@@ -79,6 +82,13 @@ class World:
         boxes = np.array([box_at(actor, self.time_s) for actor in self.actors]).reshape(-1, 7)
         names = np.array([actor.name for actor in self.actors], dtype="<U10")
         return RoadUsers(np.array(list(self._actors), dtype=np.int64), names, boxes)
+
+    @property
+    def lighting(self) -> Lighting:
+        """Ceiling lamps, exposure, and the head lamps of every car that drives, where they are now."""
+        lit = [actor for actor in self.actors if isinstance(actor, Car) and actor.lamps_on]
+        lamps = [headlamps_of(pose_at(car, self.time_s), car.spec.length) for car in lit]
+        return replace(self._lighting, headlamps=(headlamps_of(self.world_from_ego, EGO_SPEC.length), *lamps))
 
     def moving_scene(self) -> TriangleScene:
         """Everybody on a trajectory, where they are now."""
