@@ -39,8 +39,11 @@ def benchmark_rows(
 
 
 def _class_cells(numbers: Mapping[str, float], key: str, name: str) -> dict[str, dict[str, float | None]]:
-    labels = [f"{overlap:g}" for overlap in (STRICT_IOU[name], LOOSE_IOU)]
-    return {c: {label: _or_none(numbers[f"{key}_{c}_{label}"]) for label in labels} for c in COLUMNS}
+    return {c: {label: _or_none(numbers[f"{key}_{c}_{label}"]) for label in _labels(name)} for c in COLUMNS}
+
+
+def _labels(name: str) -> tuple[str, str]:
+    return f"{STRICT_IOU[name]:g}", f"{LOOSE_IOU:g}"
 
 
 def _or_none(value: float) -> float | None:
@@ -50,7 +53,7 @@ def _or_none(value: float) -> float | None:
 def render(rows: Sequence[Mapping], config_name: str, region: str = "camera_fov") -> str:
     """The rows of one region as a markdown table that also reads well as text, in the paper's order."""
     shown = {row["combo"]: row for row in rows if row["region"] == region}
-    ours = {combo: {key: tuple(row[key[0]][key[1]].values()) for key in CELLS} for combo, row in shown.items()}
+    ours = {combo: {key: _our_cell(row, *key) for key in CELLS} for combo, row in shown.items()}
     paper = {combo: {key: paper_ap(combo, *key) for key in CELLS} for combo in SENSOR_SETS}
     body = []
     for combo in (c for c in SENSOR_SETS if c in shown):
@@ -59,8 +62,13 @@ def render(rows: Sequence[Mapping], config_name: str, region: str = "camera_fov"
     return "\n".join([_title(config_name, region), "", *markdown_table(HEADER, body)])
 
 
+def _our_cell(row: Mapping, name: str, column: str) -> Cell:
+    strict, loose = _labels(name)
+    return row[name][column][strict], row[name][column][loose]
+
+
 def _title(config_name: str, region: str) -> str:
-    pairs = ", ".join(f"{name} IoU {STRICT_IOU[name]:g}/{LOOSE_IOU:g}" for name in CLASS_NAMES)
+    pairs = ", ".join(f"{name} IoU {'/'.join(_labels(name))}" for name in CLASS_NAMES)
     return f"Benchmark of {config_name}, region {region}: 3D AP (%, R40) at {pairs}; in brackets the roadside's gain"
 
 
