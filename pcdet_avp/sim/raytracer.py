@@ -69,7 +69,7 @@ class RayTracer:
 
     def cast(self, origins: np.ndarray, directions: np.ndarray, limits: float | np.ndarray = FAR_M) -> Hits:
         """First hit of every ray."""
-        origins, directions, limits = _ray_arrays(origins, directions, limits)
+        origins, directions, limits = ray_arrays(origins, directions, limits)
         hits = Hits(
             limits.copy(), np.full(len(limits), NO_FACE, np.int32), np.zeros_like(limits), np.zeros_like(limits)
         )
@@ -86,7 +86,7 @@ class RayTracer:
 
     def occluded(self, origins: np.ndarray, directions: np.ndarray, limits: float | np.ndarray = FAR_M) -> np.ndarray:
         """Mask (R,) of rays that meet anything before their limit."""
-        origins, directions, limits = _ray_arrays(origins, directions, limits)
+        origins, directions, limits = ray_arrays(origins, directions, limits)
         blocked = np.zeros(len(limits), dtype=bool)
         for scene in self.scenes:
             blocked |= scene.blocks(origins, directions, limits)
@@ -117,7 +117,7 @@ class RayTracer:
         return np.concatenate(arrays) if arrays else np.zeros(shape, dtype)
 
 
-def _ray_arrays(origins, directions, limits) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def ray_arrays(origins, directions, limits) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Contiguous, writable float32 arrays (Embree's binding takes no others): (R, 3), (R, 3), (R,)."""
     directions = np.require(directions, np.float32, "CW")
     shapes = ((origins, directions.shape), (limits, directions.shape[:1]))

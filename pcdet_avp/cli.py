@@ -1,0 +1,42 @@
+"""What the command-line tools share: the configuration arguments, and errors printed as one line."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+
+from easydict import EasyDict
+
+from pcdet_avp.config import apply_overrides, load_config
+from pcdet_avp.errors import AvpError
+
+EXIT_BAD_INPUT = 2
+EXIT_INTERRUPTED = 130
+
+
+def config_parser(description: str) -> argparse.ArgumentParser:
+    """A parser with ``--cfg`` (also ``--cfg_file``) and ``--set``."""
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument("--cfg", "--cfg_file", dest="cfg", required=True, metavar="FILE", help="configuration (YAML)")
+    parser.add_argument(
+        "--set", dest="overrides", nargs=argparse.REMAINDER, default=[], metavar="KEY VALUE", help="override keys; last"
+    )
+    return parser
+
+
+def load_arguments_config(args: argparse.Namespace) -> EasyDict:
+    """The configuration that ``--cfg`` and ``--set`` describe."""
+    return apply_overrides(load_config(args.cfg), args.overrides)
+
+
+def run_tool(main: Callable[[], None]) -> None:
+    """Run a tool; a wrong input ends in one line and exit status 2, Ctrl-C in 130."""
+    try:
+        main()
+    except AvpError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(EXIT_BAD_INPUT)
+    except KeyboardInterrupt:
+        print("interrupted; the same command goes on from here", file=sys.stderr)
+        sys.exit(EXIT_INTERRUPTED)

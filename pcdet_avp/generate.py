@@ -1,0 +1,142 @@
+"""Makes a data set: scenes of the embedded garage, captured frame by frame, written as records in parallel.
+
+Everything follows from one seed, keyed by (scene, frame, sensor): the number of workers, an interruption or a lost
+worker changes no byte. Frames that are already there are kept, so the same call goes on where it stopped.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from pcdet_avp.config import require
+from pcdet_avp.datasets.avp.manifest import MANIFEST_FILE, Manifest, Scene, read_manifest, write_manifest
+from pcdet_avp.datasets.avp.record import clean_leftovers, has_frame, read_frame, write_frame
+from pcdet_avp.datasets.avp.splits import assign_splits
+from pcdet_avp.errors import ConfigError, RecordError
+from pcdet_avp.parallel import run_tasks
+from pcdet_avp.sim.layouts import GarageConfig
+from pcdet_avp.sim.rig import Rig, capture
+from pcdet_avp.sim.scenarios import SceneConfig, draw_training_scene
+from pcdet_avp.structures.frame import Frame
+
+
+@dataclass(frozen=True)
+class SceneJob:
+    """One scene to be made by a worker: plain values only, so that it travels."""
+
+    root: str
+    number: int
+    scene: Scene
+    seed: int
+    data_cfg: dict
+
+
+def generate(
+    data_cfg: Mapping,
+    root: Path,
+    *,
+    frames: int | None = None,
+    seed: int | None = None,
+    workers: int = 2,
+    scheduler: str | None = None,
+) -> Manifest:
+    """Make, or finish, the data set that ``data_cfg`` (DATA_CONFIG) describes below ``root``.
+
+    ``frames`` and ``seed`` override the configuration. Raises RecordError where ``root`` holds another data set or
+    cannot be written, ConfigError where the configuration is incomplete.
+    """
+    manifest = plan(data_cfg, frames, seed)
+    _claim(root, manifest)
+    jobs = [
+        SceneJob(str(root), number, scene, manifest.seed, manifest.generator)
+        for number, scene in enumerate(manifest.scenes)
+        if not all(has_frame(root, frame_id) for frame_id in scene.frame_ids)
+    ]
+    total = sum(manifest.frame_counts.values())
+    missing = sum(len(job.scene.frames) for job in jobs)
+    with tqdm(total=total, initial=total - missing, unit="frame", desc=f"making {root}", smoothing=0.1) as bar:
+        for made in run_tasks(make_scene, jobs, workers, scheduler):
+            bar.update(made)
+    manifest = replace(manifest, complete=True)
+    write_manifest(root, manifest)
+    return manifest
+
+
+def plan(data_cfg: Mapping, frames: int | None = None, seed: int | None = None) -> Manifest:
+    """The scenes, frames and splits of a data set that is yet to be made."""
+    made_by = {"SENSORS": _plain(require(data_cfg, "SENSORS", dict)), "GENERATE": _plain(data_cfg["GENERATE"])}
+    settings = made_by["GENERATE"]
+    per_scene = require(settings, "FRAMES_PER_SCENE", int)
+    total = require(settings, "SCENES", int) * per_scene if frames is None else frames
+    if total < 1 or per_scene < 1:
+        raise ConfigError(f"a data set needs at least one frame, found {total} frames of {per_scene} a scene")
+    seed = require(settings, "SEED", int) if seed is None else seed
+    scene_config(settings)
+    names = [f"{number:04d}" for number in range(math.ceil(total / per_scene))]
+    splits = assign_splits(names, seed)
+    frame_names = [f"{number:03d}" for number in range(per_scene)]
+    scenes = [Scene(n, splits[n], tuple(frame_names[: total - i * per_scene])) for i, n in enumerate(names)]
+    return Manifest(tuple(scenes), complete=False, seed=seed, generator=made_by)
+
+
+def scene_config(settings: Mapping) -> SceneConfig:
+    """From DATA_CONFIG.GENERATE; its SCENE and GARAGE parts override fields of the two dataclasses."""
+    garage = _overridden(GarageConfig(), settings.get("GARAGE", {}), "GARAGE")
+    scene = _overridden(SceneConfig(), settings.get("SCENE", {}), "SCENE")
+    times = {"frames": settings["FRAMES_PER_SCENE"], "frame_interval_s": float(settings["FRAME_INTERVAL_S"])}
+    return replace(scene, garage=garage, **times)
+
+
+def _overridden(defaults, overrides: Mapping, part: str):
+    known = [field.name for field in fields(defaults)]
+    unknown = sorted(set(overrides) - set(known))
+    if unknown:
+        raise ConfigError(f"DATA_CONFIG.GENERATE.{part}: unknown key {unknown[0]!r}; known: {', '.join(known)}")
+    return replace(defaults, **{k: tuple(v) if isinstance(v, Sequence) else v for k, v in overrides.items()})
+
+
+def _claim(root: Path, manifest: Manifest) -> None:
+    """Write the manifest, unless another data set lies there already; clear what a killed run left behind."""
+    if (root / MANIFEST_FILE).exists():
+        found = read_manifest(root)
+        for name in ("seed", "generator", "scenes", "package_version"):
+            if getattr(found, name) != getattr(manifest, name):
+                raise RecordError(
+                    f"{root / MANIFEST_FILE}: holds a data set with another {name}; choose another folder or remove it"
+                )
+    write_manifest(root, manifest)
+    clean_leftovers(root)
+
+
+def make_scene(job: SceneJob) -> int:
+    """Capture and write the missing frames of one scene; returns how many frames the scene has."""
+    settings = job.data_cfg["GENERATE"]
+    rig = Rig.from_config(job.data_cfg["SENSORS"])
+    rng = np.random.default_rng(np.random.SeedSequence([job.seed, job.number]))
+    scene = draw_training_scene(rng, scene_config(settings))
+    for number, frame_id in enumerate(job.scene.frame_ids):
+        if not has_frame(job.root, frame_id):
+            key = (job.seed, job.number, number)
+            write_frame(job.root, capture(scene.seek(number), rig, key, frame_id))
+    return len(job.scene.frames)
+
+
+def label_frames(root: Path, manifest: Manifest) -> Iterator[Frame]:
+    """Every frame of a data set without its sensor data: poses, calibration and labels."""
+    for scene in manifest.scenes:
+        for frame_id in scene.frame_ids:
+            yield read_frame(root, frame_id, sources=())
+
+
+def _plain(value: Any) -> Any:
+    """EasyDict and tuples as plain dicts and lists, as JSON gives them back."""
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value

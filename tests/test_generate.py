@@ -1,0 +1,170 @@
+"""One seed, one data set: whatever the workers, the interruptions and the losses."""
+
+import hashlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from pcdet_avp.config import load_config
+from pcdet_avp.datasets.avp.manifest import read_manifest
+from pcdet_avp.datasets.avp.record import read_frame
+from pcdet_avp.errors import ConfigError, RecordError
+from pcdet_avp.generate import generate, label_frames, plan, scene_config
+
+REPOSITORY = Path(__file__).parents[1]
+CFG = REPOSITORY / "cfgs" / "dataset_configs" / "avp_tiny.yaml"
+FRAMES, SEED = 8, 11
+TOOL = [sys.executable, REPOSITORY / "tools" / "create_data.py", "--cfg", CFG, "--frames", FRAMES, "--seed", SEED]
+
+
+def digests(root):
+    """Content hash of every file of a data set, by relative path."""
+    files = sorted(p for p in Path(root).rglob("*") if p.is_file() and "preview" not in p.parts)
+    return {str(p.relative_to(root)): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
+
+
+def tool(root, *extra, **kwargs):
+    command = [str(part) for part in (*TOOL, "--out", root, *extra)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, **kwargs)
+
+
+@pytest.fixture(scope="module")
+def reference(tmp_path_factory):
+    """The data set made by one worker, and what the tool printed."""
+    root = tmp_path_factory.mktemp("one")
+    process = tool(root, "--workers", 1, "--preview", 1)
+    printed, _ = process.communicate(timeout=200)
+    assert process.returncode == 0, printed
+    return root, printed
+
+
+def test_the_tool_prints_difficulties_and_what_is_seen(reference):
+    root, printed = reference
+    for word in ("easy", "invisible", "CL+CL", "both LiDARs", "Pedestrian", "splits: train"):
+        assert word in printed
+    assert len(list((root / "preview").glob("*.png"))) == 1
+    assert not list(root.rglob("*.partial"))
+
+
+def test_two_workers_write_the_same_bytes(reference, tmp_path):
+    generate(load_config(CFG), tmp_path, frames=FRAMES, seed=SEED, workers=2)
+    assert digests(tmp_path) == digests(reference[0])
+
+
+def test_killed_in_the_middle_and_started_again_gives_the_same_bytes(reference, tmp_path):
+    process = tool(tmp_path, "--workers", 2, start_new_session=True)
+    wait_for(lambda: len(list(tmp_path.glob("scenes/*/*/frame.json"))) >= 2, process)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait(timeout=30)
+    assert not read_manifest(tmp_path).complete
+    half_written = tmp_path / "scenes" / "0000" / ".007.feed.partial"
+    half_written.mkdir(parents=True)
+    (half_written / "ego_camera.png").write_bytes(b"half")
+    printed, _ = tool(tmp_path, "--workers", 2).communicate(timeout=200)
+    assert digests(tmp_path) == digests(reference[0]), printed
+
+
+def test_a_dask_cluster_that_loses_a_worker_gives_the_same_bytes(reference, tmp_path):
+    address = f"tcp://127.0.0.1:{free_port()}"
+    environment = {**os.environ, "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "3"}
+    scheduler = dask(
+        "scheduler", "--host", "127.0.0.1", "--port", address.rsplit(":")[-1], "--no-dashboard", env=environment
+    )
+    workers = [dask("worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard") for _ in range(2)]
+    process = tool(tmp_path, "--scheduler", address)
+    try:
+        wait_for(lambda: len(list(tmp_path.glob("scenes/*/*/frame.json"))) >= 2, process)
+        workers[0].kill()
+        printed, _ = process.communicate(timeout=200)
+    finally:
+        for running in (process, *workers, scheduler):
+            running.kill()
+            running.wait(timeout=30)
+    assert digests(tmp_path) == digests(reference[0]), printed
+
+
+def dask(*arguments, **kwargs):
+    command = [sys.executable, "-m", f"distributed.cli.dask_{arguments[0]}", *arguments[1:]]
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, **kwargs)
+
+
+def free_port():
+    import socket
+
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def wait_for(condition, process, timeout_s=150):
+    end = time.monotonic() + timeout_s
+    while not condition():
+        assert process.poll() is None, process.communicate()[0]
+        assert time.monotonic() < end, "nothing happened"
+        time.sleep(0.02)
+
+
+def test_no_scene_on_both_sides_and_every_frame_readable(reference):
+    manifest = read_manifest(reference[0])
+    assert manifest.complete
+    assert sum(manifest.frame_counts.values()) == FRAMES
+    scenes = {split: {f.split("/")[0] for f in manifest.frame_ids(split)} for split in ("train", "val", "test")}
+    assert not scenes["train"] & scenes["test"]
+    assert not scenes["train"] & scenes["val"]
+    assert not scenes["val"] & scenes["test"]
+    for split in scenes:
+        for frame_id in manifest.frame_ids(split):
+            frame = read_frame(reference[0], frame_id)
+            assert frame.ego.image.any()
+            assert len(frame.infra.points) > 1000
+
+
+def test_a_second_run_finds_nothing_to_do(reference):
+    root, before = reference[0], digests(reference[0])
+    times = {p: p.stat().st_mtime_ns for p in root.glob("scenes/*/*/*")}
+    generate(load_config(CFG), root, frames=FRAMES, seed=SEED, workers=1)
+    assert {p: p.stat().st_mtime_ns for p in root.glob("scenes/*/*/*")} == times
+    assert digests(root) == before
+
+
+def test_label_frames_read_no_sensor_data(reference):
+    frames = list(label_frames(reference[0], read_manifest(reference[0])))
+    assert len(frames) == FRAMES
+    assert all(frame.ego.image is None and frame.ego.points is None and len(frame.labels) for frame in frames)
+
+
+def test_another_data_set_is_not_overwritten(reference):
+    with pytest.raises(RecordError, match="another seed"):
+        generate(load_config(CFG), reference[0], frames=FRAMES, seed=SEED + 1, workers=1)
+
+
+def test_an_output_folder_that_cannot_be_made_is_one_clear_error(tmp_path):
+    (tmp_path / "file").write_text("")
+    process = tool(tmp_path / "file" / "set", "--workers", 1)
+    printed, _ = process.communicate(timeout=60)
+    assert process.returncode == 2
+    assert printed.startswith("error: ")
+    assert printed.count("\n") == 1
+
+
+def test_wrong_settings_name_the_key():
+    cfg = load_config(CFG)
+    with pytest.raises(ConfigError, match="at least one frame"):
+        plan(cfg, frames=0)
+    with pytest.raises(ConfigError, match=r"GARAGE.*celing_m"):
+        scene_config({**cfg.GENERATE, "GARAGE": {"celing_m": [3, 4]}})
+    del cfg["SENSORS"]
+    with pytest.raises(ConfigError, match="SENSORS"):
+        plan(cfg)
+
+
+def test_an_unreachable_scheduler_is_one_clear_error(tmp_path):
+    process = tool(tmp_path, "--scheduler", f"tcp://127.0.0.1:{free_port()}")
+    printed, _ = process.communicate(timeout=60)
+    assert process.returncode == 2
+    assert "cannot connect" in printed

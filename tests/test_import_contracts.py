@@ -1,0 +1,65 @@
+"""Who may import whom (the house's floors), checked in fresh interpreters."""
+
+import json
+import pkgutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import pcdet_avp
+
+PACKAGE = Path(pcdet_avp.__file__).parent
+
+
+def modules_of(floor):
+    """Every module below ``pcdet_avp.<floor>``, by name."""
+    root = PACKAGE / floor
+    if root.with_suffix(".py").exists():
+        return [f"pcdet_avp.{floor}"]
+    found = pkgutil.walk_packages([str(root)], prefix=f"pcdet_avp.{floor}.")
+    return [f"pcdet_avp.{floor}", *(module.name for module in found)]
+
+
+def loaded_after(modules):
+    """Names in sys.modules of a fresh interpreter that imports ``modules``."""
+    imports = f"[importlib.import_module(m) for m in {modules!r}]"
+    code = f"import importlib, json, sys; {imports}; print(json.dumps([*sys.modules]))"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+    return set(json.loads(result.stdout.splitlines()[-1]))
+
+
+def test_importing_the_package_costs_nothing():
+    loaded = loaded_after(["pcdet_avp"])
+    for heavy in ("numpy", "torch", "numba", "cv2", "embreex", "yaml", "distributed"):
+        assert heavy not in loaded, f"import pcdet_avp pulls in {heavy}"
+
+
+@pytest.mark.parametrize("floor", ["structures", "sim", "link", "evaluation", "visualization"])
+def test_numpy_floors_never_import_torch(floor):
+    loaded = loaded_after(modules_of(floor))
+    assert "torch" not in loaded, f"pcdet_avp.{floor} must do without torch"
+
+
+@pytest.mark.parametrize("floor", ["models", "datasets", "engine"])
+def test_network_and_data_set_never_see_the_simulator(floor):
+    loaded = loaded_after(modules_of(floor))
+    reached = sorted(name for name in loaded if name.startswith("pcdet_avp.sim"))
+    assert not reached, f"pcdet_avp.{floor} must not import the simulator, but loads {reached}"
+
+
+@pytest.mark.parametrize("floor", ["structures", "link", "evaluation"])
+def test_lower_floors_do_not_look_up(floor):
+    loaded = loaded_after(modules_of(floor))
+    above = tuple(f"pcdet_avp.{name}" for name in ("sim", "datasets", "models", "engine", "closed_loop", "generate"))
+    reached = sorted(name for name in loaded if name.startswith(above))
+    assert not reached, f"pcdet_avp.{floor} must not import {reached}"
+
+
+@pytest.mark.parametrize("floor", ["models", "datasets", "engine", "structures", "sim", "link", "evaluation"])
+def test_no_optional_host_is_needed(floor):
+    loaded = loaded_after(modules_of(floor))
+    for host in ("pcdet", "spconv", "mmdet3d", "carla"):
+        assert host not in loaded
