@@ -30,3 +30,11 @@ class SensorError(AvpError):
 
 class EvaluationError(AvpError):
     """Detections and ground truth do not belong together, or a score is not a number."""
+
+
+class CheckpointError(AvpError):
+    """A checkpoint is missing, truncated, damaged, made by another configuration, or cannot be written."""
+
+
+class TrainingError(AvpError):
+    """Training cannot go on: the loss or its gradient is not a number."""
