@@ -1,0 +1,87 @@
+"""How much of the light from all around reaches a point: short rays from every second pixel, averaged over 4 x 4."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+F = np.float32
+REACH_M = F(1.6)
+BIAS_M = F(0.01)
+STEP = 2  # pixels between samples
+LEAST = F(0.12)  # some light gets everywhere
+
+
+def open_sky(tracer, camera, eye, rays, hits, enabled: bool) -> np.ndarray:
+    """(R,) float32 in [LEAST, 1]: the unblocked share of a cosine-weighted hemisphere within ``REACH_M``."""
+    sky = np.ones(len(rays), np.float32)
+    if not enabled:
+        return sky
+    rows, cols = -(-camera.height // STEP), -(-camera.width // STEP)
+    origins, directions = np.empty((rows * cols, 3), np.float32), np.empty((rows * cols, 3), np.float32)
+    _probe(eye, rays, hits.distance, hits.face, hits.u, hits.v, tracer.normals, camera.width, cols, origins, directions)
+    blocked = tracer.occluded(origins, directions, 1.0).reshape(rows, cols)
+    _spread(blocked, hits.distance.reshape(camera.height, camera.width), sky.reshape(camera.height, camera.width))
+    return sky
+
+
+def _hemisphere(count: int = 16) -> np.ndarray:
+    """(16, 3) cosine-weighted directions about +z, shuffled so that neighbours differ."""
+    k = np.arange(count)
+    radius, angle = np.sqrt((k + 0.5) / count), k * np.pi * (3 - np.sqrt(5))
+    points = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.sqrt(1 - radius**2)], 1)
+    return points[[0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5]].astype(np.float32)
+
+
+HEMISPHERE = _hemisphere()
+
+
+@numba.njit(cache=True, fastmath=True)
+def _probe(eye, rays, distance, face, bu, bv, normals, width, cols, origins, directions):
+    for s in range(len(origins)):
+        row, col = s // cols, s % cols
+        i = row * STEP * width + col * STEP
+        f = face[i]
+        if f < 0:
+            origins[s], directions[s] = eye, F(0.0)
+            directions[s, 2] = F(1e-6)
+            continue
+        m, u, v = normals[f], bu[i], bv[i]
+        w = F(1.0) - u - v
+        nx = w * m[0, 0] + u * m[1, 0] + v * m[2, 0]
+        ny = w * m[0, 1] + u * m[1, 1] + v * m[2, 1]
+        nz = w * m[0, 2] + u * m[1, 2] + v * m[2, 2]
+        scale = F(1.0) / np.sqrt(nx * nx + ny * ny + nz * nz + F(1e-12))
+        nx, ny, nz = nx * scale, ny * scale, nz * scale
+        # An orthonormal pair beside the normal (Duff et al. 2017).
+        sign = F(1.0) if nz >= F(0.0) else F(-1.0)
+        a = F(-1.0) / (sign + nz)
+        b = nx * ny * a
+        h = HEMISPHERE[(row & 3) * 4 + (col & 3)]
+        t = distance[i]
+        origins[s, 0] = eye[0] + t * rays[i, 0] + BIAS_M * nx
+        origins[s, 1] = eye[1] + t * rays[i, 1] + BIAS_M * ny
+        origins[s, 2] = eye[2] + t * rays[i, 2] + BIAS_M * nz
+        directions[s, 0] = REACH_M * (h[0] * (F(1.0) + sign * nx * nx * a) + h[1] * b + h[2] * nx)
+        directions[s, 1] = REACH_M * (h[0] * sign * b + h[1] * (sign + ny * ny * a) + h[2] * ny)
+        directions[s, 2] = REACH_M * (-h[0] * sign * nx - h[1] * ny + h[2] * nz)
+
+
+@numba.njit(cache=True, fastmath=True)
+def _spread(blocked, distance, sky):
+    """Average the samples around each pixel that lie at a similar depth."""
+    rows, cols = blocked.shape
+    for y in range(sky.shape[0]):
+        r0 = max(0, min(y // STEP - 1, rows - 4))
+        for x in range(sky.shape[1]):
+            c0 = max(0, min(x // STEP - 1, cols - 4))
+            t = distance[y, x]
+            total, free = F(0.0), F(0.0)
+            for r in range(r0, min(r0 + 4, rows)):
+                for c in range(c0, min(c0 + 4, cols)):
+                    if abs(distance[r * STEP, c * STEP] - t) < F(0.06) * t:
+                        total += F(1.0)
+                        if not blocked[r, c]:
+                            free += F(1.0)
+            if total > F(0.0):
+                sky[y, x] = LEAST + (F(1.0) - LEAST) * free / total

@@ -1,0 +1,174 @@
+"""The limbs a person is made of: round lofts on bones, built once per person.
+
+A bone's frame has its origin in the joint, x forward and z up when the person stands straight.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pcdet_avp.sim.loft import grid_faces, painted
+from pcdet_avp.sim.mesh import Material, Mesh
+
+if TYPE_CHECKING:
+    from pcdet_avp.sim.pedestrians import PedestrianSpec
+
+# Bone -> the bone it hangs on.
+BONES = {
+    "torso": None,
+    "head": "torso",
+    **{f"{side}_{bone}": parent and (parent if parent == "torso" else f"{side}_{parent}")
+       for side in ("left", "right")
+       for bone, parent in (("upper_arm", "torso"), ("forearm", "upper_arm"), ("thigh", None), ("shin", "thigh"),
+                            ("foot", "shin"))},
+}  # fmt: skip
+# Lengths as shares of the body height: adult, child.
+HEAD = {"adult": 0.135, "child": 0.165}
+LEG = {"adult": 0.50, "child": 0.47}  # hip joint above the floor
+SHOULDER_HALF = {"adult": 0.108, "child": 0.105}
+
+
+@dataclass(frozen=True, eq=False)
+class Figure:
+    """vertices (V, 3) in their bones' frames, vertex_bone (V,), faces (F, 3), face_bone (F,), colors (F, 3),
+    materials (F,), normals (F, 3, 3), and joints (B, 3): each bone's origin in its parent's frame."""
+
+    vertices: np.ndarray
+    vertex_bone: np.ndarray
+    faces: np.ndarray
+    face_bone: np.ndarray
+    colors: np.ndarray
+    materials: np.ndarray
+    normals: np.ndarray
+    joints: np.ndarray
+
+
+def figure(spec: PedestrianSpec) -> Figure:
+    """All parts of one person."""
+    parts = [*_trunk(spec), *_limbs(spec)]
+    meshes, bones = [mesh for _, mesh in parts], [list(BONES).index(bone) for bone, _ in parts]
+    whole = Mesh.merge(meshes)
+    return Figure(
+        whole.vertices.astype(np.float64),
+        np.repeat(bones, [len(m.vertices) for m in meshes]),
+        whole.faces,
+        np.repeat(bones, [len(m.faces) for m in meshes]),
+        whole.colors,
+        whole.materials,
+        whole.normals.astype(np.float64),
+        _joints(spec),
+    )
+
+
+def _joints(spec: PedestrianSpec) -> np.ndarray:
+    h, hip, half = spec.height, LEG[spec.kind] * spec.height, SHOULDER_HALF[spec.kind] * spec.height * spec.build
+    top = (1 - HEAD[spec.kind]) * h - hip
+    at = {"torso": (0, 0, hip), "head": (0, 0, top)}
+    for side, y in (("left", 1), ("right", -1)):
+        at[f"{side}_upper_arm"] = (0, y * half, top - 0.055 * h)
+        at[f"{side}_forearm"] = (0, 0, -0.17 * h)
+        at[f"{side}_thigh"] = (0, y * 0.052 * h * spec.build, hip)
+        at[f"{side}_shin"] = (0, 0, -(hip - 0.04 * h) / 2)
+        at[f"{side}_foot"] = (0, 0, -(hip - 0.04 * h) / 2)
+    return np.array([at[bone] for bone in BONES], float)
+
+
+def _loft(levels, sides: int, color, material: Material) -> Mesh:
+    """Closed round body; levels are rows of (z, half depth x, half width y, centre x), bottom to top."""
+    z, rx, ry, cx = np.array(levels, float).T
+    angle = 2 * np.pi * np.arange(sides) / sides
+    rings = np.stack(
+        [
+            cx[:, None] + rx[:, None] * np.cos(angle),
+            ry[:, None] * np.sin(angle),
+            np.repeat(z[:, None], sides, axis=1),
+        ],
+        -1,
+    )
+    rings = np.concatenate([_pole(rings[0]), rings, _pole(rings[-1])])
+    return painted(rings.reshape(-1, 3), grid_faces(len(rings), sides, closed=True), color, material, crease=1.3)
+
+
+def _pole(ring: np.ndarray) -> np.ndarray:
+    return np.broadcast_to(ring.mean(0), (1, *ring.shape))
+
+
+def _trunk(spec: PedestrianSpec) -> list[tuple[str, Mesh]]:
+    h, b = spec.height, spec.build
+    top = (1 - HEAD[spec.kind] - LEG[spec.kind]) * h
+    half = SHOULDER_HALF[spec.kind] * h * b
+    hips = [(-0.055 * h, 0.03 * h, 0.055 * h, 0), (0.0, 0.062 * h * b, 0.094 * h * b, -0.005 * h),
+            (0.06 * h, 0.062 * h * b, 0.092 * h * b, 0)]  # fmt: skip
+    shirt = [(0.015 * h, 0.066 * h * b, 0.097 * h * b, 0), (0.10 * h, 0.060 * h * b, 0.083 * h * b, 0.004 * h),
+             (0.20 * h, 0.070 * h * b, 0.096 * h * b, 0.006 * h), (top - 0.085 * h, 0.064 * h * b, 0.97 * half, 0),
+             (top - 0.045 * h, 0.052 * h * b, 0.98 * half, -0.004 * h), (top - 0.022 * h, 0.038 * h, 0.62 * half, -0.004 * h),
+             (top, 0.030 * h, 0.033 * h, 0.0)]  # fmt: skip
+    parts = [
+        ("torso", _loft(hips, 10, spec.bottom, Material.CLOTH)),
+        ("torso", _loft(shirt, 12, spec.top, Material.CLOTH)),
+        ("head", _head(spec)),
+        ("head", _hair(spec)),
+    ]
+    return parts + ([("torso", _backpack(spec, top))] if spec.backpack else [])
+
+
+def _head(spec: PedestrianSpec) -> Mesh:
+    r = HEAD[spec.kind] * spec.height
+    profile = [(-0.25, 0.24, 0.25, -0.02), (0.0, 0.25, 0.25, 0.0), (0.08, 0.34, 0.27, 0.10), (0.28, 0.43, 0.34, 0.06),
+               (0.5, 0.46, 0.38, 0.02), (0.75, 0.42, 0.36, 0.0), (0.92, 0.25, 0.22, 0.0)]  # fmt: skip
+    return _loft([(z * r, x * r, y * r, c * r) for z, x, y, c in profile], 10, spec.skin, Material.SKIN)
+
+
+def _hair(spec: PedestrianSpec) -> Mesh:
+    r = HEAD[spec.kind] * spec.height
+    low = [(-0.12, 0.20, 0.34, -0.30), (0.2, 0.30, 0.41, -0.20)] if spec.long_hair else [(0.30, 0.28, 0.36, -0.17)]
+    profile = [*low, (0.5, 0.40, 0.415, -0.09), (0.66, 0.47, 0.41, -0.03), (0.85, 0.40, 0.34, -0.02), (1.0, 0.16, 0.14, -0.02)]
+    return _loft([(z * r, x * r, y * r, c * r) for z, x, y, c in profile], 10, spec.hair, Material.CLOTH)
+
+
+def _backpack(spec: PedestrianSpec, top: float) -> Mesh:
+    h = spec.height
+    color = tuple(0.6 * c + 0.02 for c in reversed(spec.top))
+    levels = [(top - 0.27 * h, 0.04 * h, 0.07 * h, -0.105 * h), (top - 0.24 * h, 0.055 * h, 0.085 * h, -0.105 * h),
+              (top - 0.12 * h, 0.055 * h, 0.085 * h, -0.10 * h), (top - 0.06 * h, 0.03 * h, 0.06 * h, -0.085 * h)]  # fmt: skip
+    return _loft(levels, 8, color, Material.CLOTH)
+
+
+def _limbs(spec: PedestrianSpec) -> list[tuple[str, Mesh]]:
+    h, b = spec.height, spec.build
+    leg = (LEG[spec.kind] - 0.04) * h / 2
+    sleeve = (spec.top, Material.CLOTH) if spec.long_sleeves else (spec.skin, Material.SKIN)
+    trouser = (spec.bottom, Material.CLOTH) if spec.long_trousers else (spec.skin, Material.SKIN)
+    cloth = Material.CLOTH
+    loose = 1.12 if spec.long_trousers else 0.9
+    parts = {
+        "upper_arm": [_tube(-0.17 * h, 0.0, (0.026 * h * b, 0.030 * h * b, 0.036 * h * b), 8, spec.top, cloth)],
+        "forearm": [_tube(-0.135 * h, 0.0, (0.019 * h * b, 0.024 * h * b, 0.027 * h * b), 8, *sleeve), _hand(spec)],
+        "thigh": [_tube(-leg, 0.0, (0.037 * h * b, 0.048 * h * b, 0.057 * h * b), 8, spec.bottom, cloth)],
+        "shin": [_tube(-leg, 0.0, (0.025 * h * b * loose, 0.032 * h * b * loose, 0.037 * h * b), 8, *trouser)],
+        "foot": [_shoe(spec)],
+    }
+    return [(f"{side}_{bone}", mesh) for side in ("left", "right") for bone, meshes in parts.items() for mesh in meshes]
+
+
+def _tube(low: float, high: float, radii: tuple[float, float, float], sides: int, color, material) -> Mesh:
+    """A limb with rounded ends: thin end, middle and thick end radius, from bottom to top."""
+    thin, middle, thick = radii
+    levels = [(low - 0.5 * thin, 0.6 * thin), (low, thin), ((low + high) / 2, middle), (high, thick), (high + 0.5 * thick, 0.6 * thick)]
+    return _loft([(z, r, r, 0.0) for z, r in levels], sides, color, material)
+
+
+def _hand(spec: PedestrianSpec) -> Mesh:
+    h = spec.height
+    levels = [(-0.205 * h, 0.012 * h, 0.007 * h, 0.006 * h), (-0.17 * h, 0.025 * h, 0.013 * h, 0.004 * h), (-0.135 * h, 0.016 * h, 0.013 * h, 0)]
+    return _loft(levels, 6, spec.skin, Material.SKIN)
+
+
+def _shoe(spec: PedestrianSpec) -> Mesh:
+    h = spec.height
+    levels = [(-0.04 * h, 0.066 * h, 0.024 * h, 0.034 * h), (-0.022 * h, 0.068 * h, 0.026 * h, 0.034 * h),
+              (-0.008 * h, 0.045 * h, 0.024 * h, 0.016 * h), (0.012 * h, 0.026 * h, 0.022 * h, 0.0)]  # fmt: skip
+    return _loft(levels, 8, spec.shoes, Material.RUBBER)
