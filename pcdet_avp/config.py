@@ -192,6 +192,13 @@ def require(cfg: dict, key: str, kinds: type | tuple[type, ...] | None = None) -
     return value
 
 
+def plain(value: Any) -> Any:
+    """A configuration as plain mappings and lists, for YAML, JSON and checkpoints."""
+    if isinstance(value, dict):
+        return {key: plain(item) for key, item in value.items()}
+    return [plain(item) for item in value] if isinstance(value, list | tuple) else value
+
+
 def config_hash(cfg: dict) -> str:
     """16 hexadecimal digits that change with any value but not with key order or with where the data lie."""
     text = json.dumps(_without_paths(cfg), sort_keys=True, separators=(",", ":"), default=str)
