@@ -1,0 +1,87 @@
+"""PointPillars' multi-scale BEV backbone (PointPillars, section 2.2), with OpenPCDet's module names and keys."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from pcdet_avp.errors import ConfigError, GeometryError
+from pcdet_avp.models.norm import make_norm
+from pcdet_avp.registry import BACKBONES_2D
+
+
+@BACKBONES_2D.register("BaseBEVBackbone")
+class BaseBEVBackbone(nn.Module):
+    """Stages of strided 3x3 convolutions (``blocks.i``), each brought to a common size (``deblocks.i``) and joined.
+
+    Keys: LAYER_NUMS, LAYER_STRIDES, NUM_FILTERS per stage; UPSAMPLE_STRIDES, NUM_UPSAMPLE_FILTERS per stage;
+    NORM ``group`` (default) or ``batch``.
+    """
+
+    def __init__(self, model_cfg: Any, input_channels: int) -> None:
+        super().__init__()
+        layers, strides, filters = (list(model_cfg[k]) for k in ("LAYER_NUMS", "LAYER_STRIDES", "NUM_FILTERS"))
+        ups, up_filters = list(model_cfg["UPSAMPLE_STRIDES"]), list(model_cfg["NUM_UPSAMPLE_FILTERS"])
+        norm = model_cfg.get("NORM", "group")
+        self.output_stride = _common_stride(layers, strides, filters, ups, up_filters)
+        inputs = [input_channels, *filters[:-1]]
+        stages = zip(inputs, filters, layers, strides, strict=True)
+        self.blocks = nn.ModuleList(conv_stage(*stage, norm) for stage in stages)
+        self.deblocks = nn.ModuleList(upsample(*up, norm) for up in zip(filters, up_filters, ups, strict=True))
+        self.num_bev_features = sum(up_filters)
+        self._divisor = 1
+        for stride in strides:
+            self._divisor *= stride
+
+    def forward(self, batch_dict: dict) -> dict:
+        """
+        Args: batch_dict:
+            spatial_features (B, C, H, W)
+        Returns: batch_dict with
+            spatial_features_2d (B, num_bev_features, H / output_stride, W / output_stride)
+        """
+        return {**batch_dict, "spatial_features_2d": self.encode(batch_dict["spatial_features"])}
+
+    def encode(self, x: Tensor) -> Tensor:
+        """(B, C, H, W) -> (B, num_bev_features, H', W')."""
+        if x.shape[2] % self._divisor or x.shape[3] % self._divisor:
+            raise GeometryError(f"BACKBONE_2D: a map of {x.shape[2]} x {x.shape[3]} does not divide by {self._divisor}")
+        scales = []
+        for block, deblock in zip(self.blocks, self.deblocks, strict=True):
+            x = block(x)
+            scales.append(deblock(x))
+        return torch.cat(scales, 1)
+
+
+def conv_stage(inputs: int, outputs: int, layers: int, stride: int, norm: str) -> nn.Sequential:
+    """One strided 3x3 convolution and ``layers`` more; each with norm and ReLU."""
+    modules = [nn.ZeroPad2d(1), nn.Conv2d(inputs, outputs, 3, stride=stride, bias=False)]
+    modules += [make_norm(norm, outputs), nn.ReLU()]
+    for _ in range(layers):
+        modules += [nn.Conv2d(outputs, outputs, 3, padding=1, bias=False), make_norm(norm, outputs), nn.ReLU()]
+    return nn.Sequential(*modules)
+
+
+def upsample(inputs: int, outputs: int, stride: float, norm: str) -> nn.Sequential:
+    """Enlarge a map ``stride`` times without overlap, or shrink it where the stride is below 1."""
+    if stride >= 1:
+        conv = nn.ConvTranspose2d(inputs, outputs, round(stride), stride=round(stride), bias=False)
+    else:
+        conv = nn.Conv2d(inputs, outputs, round(1 / stride), stride=round(1 / stride), bias=False)
+    return nn.Sequential(conv, make_norm(norm, outputs), nn.ReLU())
+
+
+def _common_stride(layers: list, strides: list, filters: list, ups: list, up_filters: list) -> int:
+    """Cells of the input per cell of the output along one axis; every stage must lead to the same."""
+    lengths = [len(v) for v in (layers, strides, filters, ups, up_filters)]
+    if len(set(lengths)) != 1 or not lengths[0]:
+        raise ConfigError(f"BACKBONE_2D: the five lists need one entry per stage, found lengths {lengths}")
+    total, outputs = 1, []
+    for stride, up in zip(strides, ups, strict=True):
+        total *= stride
+        outputs.append(total / up)
+    if len(set(outputs)) != 1:
+        raise ConfigError(f"BACKBONE_2D: UPSAMPLE_STRIDES {ups} bring the stages to unequal strides {outputs}")
+    return round(outputs[0])
