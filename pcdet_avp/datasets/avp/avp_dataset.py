@@ -1,0 +1,190 @@
+"""The data set class: OpenPCDet's constructor, attributes and methods over records on disk."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import torch
+
+from pcdet_avp.config import require
+from pcdet_avp.datasets.avp.augment import Augmentor
+from pcdet_avp.datasets.avp.collate import collate
+from pcdet_avp.datasets.avp.manifest import MANIFEST_FILE, read_manifest
+from pcdet_avp.datasets.avp.prepare import PrepareConfig, prepare
+from pcdet_avp.datasets.avp.record import read_frame
+from pcdet_avp.errors import ConfigError, RecordError
+from pcdet_avp.evaluation import Detections, GroundTruth, Region, evaluate
+from pcdet_avp.registry import DATASETS
+from pcdet_avp.structures.frame import Frame
+from pcdet_avp.structures.sensor_set import SOURCES, SensorSet
+
+UNSET_EPOCH = -1
+
+
+@DATASETS.register("AvpDataset")
+class AvpDataset(torch.utils.data.Dataset):
+    """Frames of one split, as samples.
+
+    A sample is what ``prepare`` documents. Its steps: read the sensors in use from disk, augment the frame (when
+    training), prepare. Index with an integer, for the sensors of DATA_CONFIG.SENSOR_SET, or with
+    ``(integer, "C+CL")``, so that absent sensors are not even read.
+    """
+
+    def __init__(
+        self,
+        dataset_cfg: Mapping,
+        class_names: Sequence[str],
+        training: bool = True,
+        root_path: str | Path | None = None,
+        logger: logging.Logger | None = None,
+        split: str | None = None,
+    ) -> None:
+        self.dataset_cfg, self.training, self.logger = dataset_cfg, training, logger
+        self.class_names = list(class_names)
+        self.root_path = Path(root_path if root_path is not None else require(dataset_cfg, "DATA_PATH", str))
+        self.split = split or require(dataset_cfg, f"DATA_SPLIT.{self.mode}", str)
+        self.sensor_set = SensorSet.parse(require(dataset_cfg, "SENSOR_SET", str))
+        self.frame_ids = self._find_frames()
+        self._set_geometry(PrepareConfig.from_config(dataset_cfg, class_names))
+        self.data_augmentor = Augmentor(dataset_cfg.get("DATA_AUGMENTOR")) if training else None
+        self.seed = int((dataset_cfg.get("DATA_AUGMENTOR") or {}).get("SEED", 0))
+        # Shared memory: workers that were started earlier see what the main process sets, and count together.
+        self._epoch = torch.full((), UNSET_EPOCH, dtype=torch.int64).share_memory_()
+        self._visits = torch.zeros(len(self.frame_ids), dtype=torch.int64).share_memory_()
+
+    def _find_frames(self) -> list[str]:
+        manifest = read_manifest(self.root_path)
+        file = self.root_path / MANIFEST_FILE
+        if not manifest.complete:
+            raise RecordError(f"{file}: complete: the data set is unfinished; make the rest with tools/create_data.py")
+        missing = [name for name in self.class_names if name not in manifest.class_names]
+        if missing:
+            raise RecordError(
+                f"{file}: class_names: holds {list(manifest.class_names)}, but {missing[0]!r} is asked for"
+            )
+        frame_ids = manifest.frame_ids(self.split)
+        if not frame_ids:
+            raise RecordError(f"{file}: scenes: no frame in split {self.split!r}; frames: {manifest.frame_counts}")
+        if self.logger is not None:
+            self.logger.info("%s: %d frames in split %s", self.root_path, len(frame_ids), self.split)
+        return frame_ids
+
+    def _set_geometry(self, config: PrepareConfig) -> None:
+        """The attributes that OpenPCDet's detectors read back."""
+        grid = config.grid
+        self.prepare_config = config
+        self.point_cloud_range = np.array(grid.range, np.float32)
+        self.voxel_size = [float(v) for v in self.dataset_cfg["VOXEL_SIZE"]]
+        layers = round((grid.z_max_m - grid.z_min_m) / self.voxel_size[2])
+        self.grid_size = np.array([grid.width, grid.height, layers], np.int64)  # x, y, z
+        self.depth_downsample_factor = config.depth_downsample
+        self.point_feature_encoder = SimpleNamespace(
+            num_point_features=config.point_features,
+            used_feature_list=list(self.dataset_cfg["POINT_FEATURE_ENCODING"]["used_feature_list"]),
+        )
+
+    @property
+    def mode(self) -> str:
+        """'train' or 'test': the key of DATA_SPLIT that counts."""
+        return "train" if self.training else "test"
+
+    def __len__(self) -> int:
+        return len(self.frame_ids)
+
+    def __getitem__(self, key: int | tuple[int, str]) -> dict:
+        index, sensor_set = (key[0], SensorSet.parse(key[1])) if isinstance(key, tuple) else (key, self.sensor_set)
+        frame = self.read(int(index), sensor_set)
+        if self.data_augmentor is not None:
+            frame = self.data_augmentor(frame, self._augmentation_rng(int(index)))
+        return prepare(frame, sensor_set, self.prepare_config)
+
+    def read(self, index: int, sensor_set: SensorSet) -> Frame:
+        """The frame as recorded, with the data of the sensors in ``sensor_set``."""
+        sources = [source for source, used in zip(SOURCES, sensor_set.mask, strict=True) if used]
+        return read_frame(self.root_path, self.frame_ids[index], sources)
+
+    def set_epoch(self, epoch: int) -> None:
+        """Augmentation depends on (seed, epoch, index); until this is called, the epoch is a frame's visit count."""
+        if epoch < 0:
+            raise ConfigError(f"epoch must not be negative, found {epoch}")
+        self._epoch.fill_(epoch)
+
+    def _augmentation_rng(self, index: int) -> np.random.Generator:
+        epoch = int(self._epoch)
+        if epoch == UNSET_EPOCH:
+            epoch = int(self._visits[index])
+            self._visits[index] += 1
+        return np.random.default_rng([self.seed, epoch, index])
+
+    @staticmethod
+    def collate_batch(batch_list: Sequence[dict], _unused: bool = False) -> dict:
+        """See ``collate.collate``."""
+        return collate(batch_list)
+
+    @staticmethod
+    def generate_prediction_dicts(
+        batch_dict: Mapping, pred_dicts: Sequence[Mapping], class_names: Sequence[str], output_path=None
+    ) -> list[dict]:
+        """One dictionary per sample: frame_id, name (n,), score (n,), boxes_lidar (n, 7), pred_labels (n,) from 1.
+
+        ``pred_dicts`` hold tensors pred_boxes, pred_scores, pred_labels. With ``output_path``, each frame is also
+        written there as text: name, score and box, one detection a line.
+        """
+        annotations = []
+        for frame_id, prediction in zip(batch_dict["frame_id"], pred_dicts, strict=True):
+            labels, scores, boxes = (
+                prediction[key].detach().cpu().numpy() for key in ("pred_labels", "pred_scores", "pred_boxes")
+            )
+            names = np.array(class_names)[labels.astype(int) - 1]
+            annotation = {"frame_id": str(frame_id), "name": names, "score": scores, "boxes_lidar": boxes}
+            annotations.append(annotation | {"pred_labels": labels})
+            if output_path is not None:
+                _write_text(Path(output_path), annotation)
+        return annotations
+
+    def evaluation(
+        self,
+        det_annos: Sequence[Mapping],
+        class_names: Sequence[str],
+        eval_metric: str | None = None,
+        output_path: str | Path | None = None,
+        min_scores: Mapping[str, float] | None = None,
+    ) -> tuple[str, dict[str, float]]:
+        """Average precision over all frames of the split: a text, and numbers by name (percent).
+
+        ``det_annos`` as from ``generate_prediction_dicts``; every frame of the split must be there. There is one
+        metric and nothing is written, so ``eval_metric`` and ``output_path``, which the host passes, change nothing.
+        """
+        by_frame = {str(annotation["frame_id"]): annotation for annotation in det_annos}
+        truths = self.ground_truths()
+        detections = [Detections.from_annotation(by_frame[t.frame_id]) for t in truths if t.frame_id in by_frame]
+        return evaluate(truths, detections, self.regions(), class_names, min_scores)
+
+    def ground_truths(self) -> list[GroundTruth]:
+        """The labels of every frame of the split, in order."""
+        frames = (read_frame(self.root_path, frame_id, sources=()) for frame_id in self.frame_ids)
+        return [GroundTruth.from_labels(frame.frame_id, frame.labels) for frame in frames]
+
+    def regions(self) -> list[Region]:
+        """Where objects count: in the vehicle camera's field of view first, then in the whole range."""
+        camera = read_frame(self.root_path, self.frame_ids[0], sources=()).ego.camera
+        grid = self.prepare_config.grid
+        if camera is None:
+            return [Region.full_range(grid)]
+        hfov = 2 * np.arctan(camera.width / 2 / camera.fx)
+        return [Region.camera_fov(float(camera.agent_from_camera.translation[0]), hfov, grid), Region.full_range(grid)]
+
+
+def _write_text(folder: Path, annotation: Mapping) -> None:
+    """``folder/scene_frame.txt``: class, score, then x y z dx dy dz heading (metres, radians)."""
+    file = folder / f"{annotation['frame_id'].replace('/', '_')}.txt"
+    rows = zip(annotation["name"], annotation["score"], annotation["boxes_lidar"], strict=True)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        file.write_text("".join(f"{n} {s:.4f} {' '.join(f'{v:.4f}' for v in box)}\n" for n, s, box in rows))
+    except OSError as error:
+        raise RecordError(f"{file}: cannot be written ({error.strerror})") from error

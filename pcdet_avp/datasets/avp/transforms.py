@@ -1,0 +1,103 @@
+"""The same garage seen otherwise, ``Frame`` -> ``Frame``: points, boxes, pictures, cameras and poses agree.
+
+Each keeps two facts: a point projects onto the same image content as before, and a wall point that both agents
+see still coincides through ``ego_from_infra``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from pcdet_avp.structures.boxes import transform_boxes, wrap_angle
+from pcdet_avp.structures.camera import PinholeCamera
+from pcdet_avp.structures.frame import AgentView, Frame, Labels
+from pcdet_avp.structures.pose import Pose
+
+MIRROR_Y = np.diag([1.0, -1.0, 1.0, 1.0])  # of a world or agent frame: left becomes right
+MIRROR_U = np.diag([-1.0, 1.0, 1.0, 1.0])  # of a camera frame
+
+
+def flip(frame: Frame) -> Frame:
+    """The mirror image of the whole garage, y -> -y in the world and in both agents' frames."""
+    boxes = frame.labels.boxes * np.array([1, -1, 1, 1, 1, 1, -1.0])
+    boxes[:, 6] = wrap_angle(boxes[:, 6])
+    return replace(
+        frame, ego=_flip_view(frame.ego), infra=_flip_view(frame.infra), labels=replace(frame.labels, boxes=boxes)
+    )
+
+
+def _flip_view(view: AgentView) -> AgentView:
+    return AgentView(
+        Pose(MIRROR_Y @ view.world_from_agent.matrix @ MIRROR_Y),
+        None if view.camera is None else _flip_camera(view.camera),
+        None if view.image is None else np.ascontiguousarray(view.image[:, ::-1]),
+        None if view.depth is None else np.ascontiguousarray(view.depth[:, ::-1]),
+        None if view.points is None else view.points * np.array([1, -1, 1, 1], view.points.dtype),
+    )
+
+
+def _flip_camera(camera: PinholeCamera) -> PinholeCamera:
+    """Column u of the mirrored image is column ``width - u`` of the old one, so the principal point moves too."""
+    pose = Pose(MIRROR_Y @ camera.agent_from_camera.matrix @ MIRROR_U)
+    return replace(camera, cx=camera.width - camera.cx, agent_from_camera=pose)
+
+
+def rotate_agent(frame: Frame, agent: str, yaw: float) -> Frame:
+    """Turn an agent's frame about its mast by ``-yaw`` (rad), so that everything in it turns by ``+yaw``.
+
+    The ego's labels turn along. The other agent, and the world, stay where they are.
+    """
+    new_from_old = Pose.from_xyz_yaw(0.0, 0.0, 0.0, yaw)
+    view = _rotate_view(getattr(frame, agent), new_from_old)
+    if agent == "infra":
+        return replace(frame, infra=view)
+    boxes = transform_boxes(new_from_old, frame.labels.boxes)
+    return replace(frame, ego=view, labels=replace(frame.labels, boxes=boxes))
+
+
+def _rotate_view(view: AgentView, new_from_old: Pose) -> AgentView:
+    camera, points = view.camera, view.points
+    if camera is not None:
+        camera = replace(camera, agent_from_camera=new_from_old @ camera.agent_from_camera)
+    if points is not None:
+        points = np.concatenate([new_from_old.apply(points[:, :3]), points[:, 3:]], 1)
+    return replace(
+        view,
+        world_from_agent=view.world_from_agent @ new_from_old.inverse(),
+        camera=camera,
+        points=points,
+        scan=None,
+    )
+
+
+def scale(frame: Frame, factor: float) -> Frame:
+    """A garage ``factor`` times as large, with all that is in it, sensors' mounts and depths included."""
+    lengths = np.array([factor] * 6 + [1.0])
+    labels: Labels = replace(frame.labels, boxes=frame.labels.boxes * lengths)
+    return replace(frame, ego=_scale_view(frame.ego, factor), infra=_scale_view(frame.infra, factor), labels=labels)
+
+
+def _scale_view(view: AgentView, factor: float) -> AgentView:
+    camera, points, depth = view.camera, view.points, view.depth
+    if camera is not None:
+        camera = replace(camera, agent_from_camera=_scale_pose(camera.agent_from_camera, factor))
+    if points is not None:
+        points = points * np.array([factor, factor, factor, 1], points.dtype)
+    if depth is not None:
+        depth = depth * depth.dtype.type(factor)
+    return AgentView(_scale_pose(view.world_from_agent, factor), camera, view.image, depth, points)
+
+
+def _scale_pose(pose: Pose, factor: float) -> Pose:
+    matrix = pose.matrix.copy()
+    matrix[:3, 3] *= factor
+    return Pose(matrix)
+
+
+def misplace_infra(frame: Frame, dx_m: float, dy_m: float, yaw: float) -> Frame:
+    """Localisation error: the roadside's pose as the ego believes it. Breaks the second fact, on purpose."""
+    error = Pose.from_xyz_yaw(dx_m, dy_m, 0.0, yaw)
+    believed = replace(frame.infra, world_from_agent=frame.infra.world_from_agent @ error)
+    return replace(frame, infra=believed)
