@@ -68,9 +68,12 @@ class BevGrid:
 
     def cell_of(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Row and column (integers, possibly outside the grid) of points (..., >=2) given as x, y in metres."""
-        row = np.floor((points[..., 1] - self.y_min_m) / self.cell_m).astype(np.int64)
-        col = np.floor((points[..., 0] - self.x_min_m) / self.cell_m).astype(np.int64)
-        return row, col
+        row, col = self._in_cells(points)
+        return np.floor(row).astype(np.int64), np.floor(col).astype(np.int64)
+
+    def _in_cells(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Row and column of points (..., >=2) as real numbers, in the points' own precision."""
+        return (points[..., 1] - self.y_min_m) / self.cell_m, (points[..., 0] - self.x_min_m) / self.cell_m
 
     def cell_centres(self) -> tuple[np.ndarray, np.ndarray]:
         """x of every column (W,) and y of every row (H,), metres."""
@@ -80,10 +83,14 @@ class BevGrid:
 
     def contains(self, points: np.ndarray) -> np.ndarray:
         """Mask (...,) of points (..., 3) inside the half-open range."""
-        low, high = np.array(self.range[:3]), np.array(self.range[3:])
-        return ((points[..., :3] >= low) & (points[..., :3] < high)).all(-1)
+        return self.contains_bev(points) & (points[..., 2] >= self.z_min_m) & (points[..., 2] < self.z_max_m)
 
     def contains_bev(self, points: np.ndarray) -> np.ndarray:
-        """Mask (...,) of points (..., >=2) inside the range in x and y."""
+        """Mask (...,) of points (..., >=2) inside the half-open range in x and y and whose cell is in the grid.
+
+        Both are asked, because rounding can part them: a float32 a hair below y_max divides into row H.
+        """
         x, y = points[..., 0], points[..., 1]
-        return (x >= self.x_min_m) & (x < self.x_max_m) & (y >= self.y_min_m) & (y < self.y_max_m)
+        row, col = self._in_cells(points)
+        in_range = (x >= self.x_min_m) & (x < self.x_max_m) & (y >= self.y_min_m) & (y < self.y_max_m)
+        return in_range & (row < self.height) & (col < self.width)

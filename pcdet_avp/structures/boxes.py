@@ -29,7 +29,8 @@ def check_boxes(boxes: np.ndarray, name: str = "boxes") -> np.ndarray:
 
 def wrap_angle(angle: np.ndarray) -> np.ndarray:
     """Angles in [-pi, pi)."""
-    return (np.asarray(angle) + np.pi) % (2 * np.pi) - np.pi
+    wrapped = (np.asarray(angle) + np.pi) % (2 * np.pi) - np.pi
+    return np.where(wrapped < np.pi, wrapped, -np.pi)  # a hair below -pi rounds up to +pi
 
 
 def box_corners(boxes: np.ndarray) -> np.ndarray:

@@ -73,7 +73,7 @@ class PinholeCamera:
         return inside.all(-1) & (depth > 0)
 
     def pixel_rays(self) -> np.ndarray:
-        """(H, W, 3) float32 camera-frame rays through the pixel centres, scaled so that z = 1 (depth = ray parameter)."""
+        """(H, W, 3) float32 camera-frame rays through the pixel centres, with z = 1: depth is the ray parameter."""
         u = (np.arange(self.width, dtype=np.float32) + 0.5 - self.cx) / self.fx
         v = (np.arange(self.height, dtype=np.float32) + 0.5 - self.cy) / self.fy
         rays = np.ones((self.height, self.width, 3), dtype=np.float32)

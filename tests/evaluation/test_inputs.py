@@ -10,15 +10,9 @@ from pcdet_avp.evaluation import (
     Region,
     evaluate,
 )
-from pcdet_avp.structures.ego import overlaps_ego
 from pcdet_avp.structures.frame import Labels
 
 REGIONS = (Region.camera_fov(apex_x_m=0.5), Region.full_range())
-
-
-def test_ego_footprint_is_4_8_by_1_9_metres():
-    walkers = np.array([[x, y, 0.9, 0.4, 0.4, 1.8, 0.0] for x, y in [(2.5, 0), (2.7, 0), (0, 1.1), (0, 1.2)]])
-    assert overlaps_ego(walkers).tolist() == [True, False, True, False]
 
 
 def test_annotations_of_openpcdet_are_understood_and_empty_ones_too():

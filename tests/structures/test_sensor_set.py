@@ -1,0 +1,40 @@
+"""The paper's six combinations and their names."""
+
+from itertools import product
+
+import pytest
+
+from pcdet_avp.errors import SensorError
+from pcdet_avp.structures.sensor_set import SENSOR_SETS, SOURCES, SensorSet
+
+
+def test_six_combinations_in_the_order_of_the_papers_tables():
+    assert list(SENSOR_SETS) == ["C+none", "C+C", "C+CL", "CL+none", "CL+C", "CL+CL"]
+
+
+@pytest.mark.parametrize("name", SENSOR_SETS)
+def test_a_name_says_which_sources_are_present(name):
+    vehicle, infra = name.split("+")
+    expected = ("C" in vehicle, "L" in vehicle, "C" in infra, "L" in infra)
+    sensors = SensorSet.parse(name)
+    assert dict(zip(SOURCES, sensors.mask, strict=True)) == dict(zip(SOURCES, expected, strict=True))
+    assert sensors.name == name
+    assert sensors.uses_infra == (infra != "none")
+
+
+@pytest.mark.parametrize("name", ["", "c+c", "L+none", "CL", "CL+L", "CL+CL "])
+def test_unknown_names_are_refused_with_the_known_ones(name):
+    with pytest.raises(SensorError, match=r"C\+none, C\+C, .*CL\+CL"):
+        SensorSet.parse(name)
+
+
+def test_a_set_outside_the_paper_has_no_short_name():
+    named = 0
+    for mask in product([False, True], repeat=4):
+        sensors = SensorSet(*mask)
+        if sensors in SENSOR_SETS.values():
+            named += bool(sensors.name)
+        else:
+            with pytest.raises(SensorError, match="none of the combinations"):
+                _ = sensors.name
+    assert named == 6
