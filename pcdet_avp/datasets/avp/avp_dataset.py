@@ -31,7 +31,8 @@ class AvpDataset(torch.utils.data.Dataset):
 
     A sample is what ``prepare`` documents. Its steps: read the sensors in use from disk, augment the frame (when
     training), prepare. Index with an integer, for the sensors of DATA_CONFIG.SENSOR_SET, or with
-    ``(integer, "C+CL")``, so that absent sensors are not even read.
+    ``(integer, "C+CL")``, so that absent sensors are not even read, or with ``(integer, "C+CL", epoch)``: then the
+    augmentation is the epoch's, whatever ``set_epoch`` says (workers may prefetch beyond the present epoch).
     """
 
     def __init__(
@@ -95,11 +96,12 @@ class AvpDataset(torch.utils.data.Dataset):
     def __len__(self) -> int:
         return len(self.frame_ids)
 
-    def __getitem__(self, key: int | tuple[int, str]) -> dict:
+    def __getitem__(self, key: int | tuple[int, str] | tuple[int, str, int]) -> dict:
         index, sensor_set = (key[0], SensorSet.parse(key[1])) if isinstance(key, tuple) else (key, self.sensor_set)
+        epoch = key[2] if isinstance(key, tuple) and len(key) == 3 else None
         frame = self.read(int(index), sensor_set)
         if self.data_augmentor is not None:
-            frame = self.data_augmentor(frame, self._augmentation_rng(int(index)))
+            frame = self.data_augmentor(frame, self._augmentation_rng(int(index), epoch))
         return prepare(frame, sensor_set, self.prepare_config)
 
     def read(self, index: int, sensor_set: SensorSet) -> Frame:
@@ -113,8 +115,8 @@ class AvpDataset(torch.utils.data.Dataset):
             raise ConfigError(f"epoch must not be negative, found {epoch}")
         self._epoch.fill_(epoch)
 
-    def _augmentation_rng(self, index: int) -> np.random.Generator:
-        epoch = int(self._epoch)
+    def _augmentation_rng(self, index: int, epoch: int | None = None) -> np.random.Generator:
+        epoch = int(self._epoch) if epoch is None else epoch
         if epoch == UNSET_EPOCH:
             epoch = int(self._visits[index])
             self._visits[index] += 1
