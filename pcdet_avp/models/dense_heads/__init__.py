@@ -1,0 +1,1 @@
+"""The SSD head: anchors, target assignment, box coding, losses, rotated NMS."""
