@@ -1,0 +1,1 @@
+"""Perception in the driver's seat: how fast may the car drive? (Paper, "Evaluations of Safety-Critical Scenarios".)"""
