@@ -40,9 +40,9 @@ class Pedestrian:
     name = "Pedestrian"
 
     def mesh_at(self, time_s: float) -> Mesh:
-        """In the world frame."""
+        """In the world frame; no two people are in step."""
         motion = self.trajectory.at(time_s)
-        phase = 2 * np.pi * motion.distance / (STRIDE_PER_HEIGHT * self.spec.height)
+        phase = self.object_id + 2 * np.pi * motion.distance / (STRIDE_PER_HEIGHT * self.spec.height)
         return pedestrian_mesh(self.spec, phase, motion.speed > 0).transformed(pose_at(self, time_s))
 
 

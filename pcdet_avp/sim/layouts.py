@@ -6,10 +6,11 @@ row on the ego's right ends with a pillar at the near corner of the junction: ro
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
+from pcdet_avp.errors import ConfigError
 from pcdet_avp.sim.garage import LANE_WIDTH_M, SLOT_DEPTH_M, SLOT_WIDTH_M, GarageLayout, Lamp, Pillar, Slot, Wall
 
 ROW_BACK_Y_M = LANE_WIDTH_M + SLOT_DEPTH_M  # distance of the walls behind the slots from the road's axis
@@ -32,6 +33,23 @@ class GarageConfig:
     lamp_spacing_m: tuple[float, float] = (4.5, 8.0)
     dim_lamp_share: tuple[float, float] = (0.05, 0.3)
     failed_lamp_share: tuple[float, float] = (0.0, 0.15)
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
+def check_ranges(cfg) -> None:
+    """Raise where a field of a settings dataclass whose default is a range is not (low, high) with low <= high."""
+    for field in fields(cfg):
+        if not _is_pair(field.default):
+            continue
+        value = getattr(cfg, field.name)
+        if not _is_pair(value) or value[0] > value[1]:
+            raise ConfigError(f"{type(cfg).__name__}.{field.name}: expected (low, high), found {value!r}")
+
+
+def _is_pair(value) -> bool:
+    return isinstance(value, tuple) and len(value) == 2 and all(isinstance(v, int | float) for v in value)
 
 
 def draw_layout(rng: np.random.Generator, cfg: GarageConfig | None = None) -> GarageLayout:

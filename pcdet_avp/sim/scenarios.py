@@ -13,13 +13,13 @@ import numpy as np
 from pcdet_avp.sim.actors import Actor, Car, Pedestrian, box_at
 from pcdet_avp.sim.cars import CarSpec, draw_car
 from pcdet_avp.sim.garage import GarageLayout
-from pcdet_avp.sim.layouts import GarageConfig, draw_layout
+from pcdet_avp.sim.layouts import GarageConfig, check_ranges, draw_layout
 from pcdet_avp.sim.lights import draw_lighting
 from pcdet_avp.sim.pedestrians import draw_pedestrian
 from pcdet_avp.sim.reservations import Reservations
 from pcdet_avp.sim.traffic import draw_junction_route, draw_lane_route, draw_parked
 from pcdet_avp.sim.trajectories import Path, Route, Trajectory
-from pcdet_avp.sim.walkers import draw_along, draw_crossing, draw_in_gap, vehicle_gaps
+from pcdet_avp.sim.walkers import draw_along, draw_crossing, draw_in_gap, draw_on_side_road, vehicle_gaps
 from pcdet_avp.sim.world import EGO_SPEC, World
 
 CAR_MARGIN_M, WALKER_MARGIN_M = 0.3, 0.12
@@ -50,14 +50,18 @@ class SceneConfig:
         EgoZone(0.12, (44.0, 110.0), 0.1),
     )
     ego_speed_m_s: tuple[float, float] = (1.0, 6.0)
-    occupancy: tuple[float, float] = (0.45, 0.85)  # share of the slots that hold a car
-    gap_depth_m: tuple[float, float] = (0.0, 2.0)  # of people behind the mouth of a gap
+    occupancy: tuple[float, float] = (0.55, 0.9)  # share of the slots that hold a car
+    gap_depth_m: float = 2.0  # people stand up to this far behind the mouth of a gap, most of them in its first half
     view_m: float = 44.8  # people and driving cars are drawn up to here before the ego
-    in_gap: tuple[int, int] = (3, 6)  # how many people or cars, both ends included
+    in_gap: tuple[int, int] = (4, 7)  # how many people or cars, both ends included
     crossing: tuple[int, int] = (1, 4)
     along: tuple[int, int] = (0, 2)
+    on_side_road: tuple[int, int] = (0, 2)
     same_lane: tuple[int, int] = (0, 1)
     opposite_lane: tuple[int, int] = (0, 2)
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,6 +129,8 @@ class _Cast:
             self._add_people(cfg.in_gap, lambda: draw_in_gap(rng, gaps[rng.integers(len(gaps))], cfg.gap_depth_m))
         self._add_people(cfg.crossing, lambda: draw_crossing(rng, self._x()))
         self._add_people(cfg.along, lambda: draw_along(rng, self._x()))
+        if self.x_range[1] > layout.junction_x:
+            self._add_people(cfg.on_side_road, lambda: draw_on_side_road(rng, layout))
         return self.actors
 
     def _x(self) -> float:

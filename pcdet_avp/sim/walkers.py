@@ -10,8 +10,10 @@ from pcdet_avp.sim.actors import Car
 from pcdet_avp.sim.garage import LANE_WIDTH_M, GarageLayout, Slot
 from pcdet_avp.sim.trajectories import Pacing, Standing
 
+DEPTH_SKEW = 1.6  # 1 spreads people evenly over the depth of a gap, more draws them towards its mouth
 WALKING_SPEED_M_S = (0.7, 1.8)
 EDGE_Y_M = (3.0, 3.25)  # those who walk along the road keep this far from its axis
+SIDE_WALK_Y_M = (-17.0, -4.0)  # those who walk along the side road turn somewhere in here
 
 
 def vehicle_gaps(layout: GarageLayout, parked: Mapping[Slot, Car]) -> np.ndarray:
@@ -32,10 +34,10 @@ def _road_end(car: Car) -> float:
     return abs(car.trajectory.at(0.0).y) - car.spec.length / 2
 
 
-def draw_in_gap(rng: np.random.Generator, gap: np.ndarray, depth_m: tuple[float, float]) -> Standing:
-    """Someone who stands between two vehicles, that deep behind the mouth of the gap; most face the road."""
+def draw_in_gap(rng: np.random.Generator, gap: np.ndarray, deepest_m: float) -> Standing:
+    """Someone who stands between two vehicles, up to that deep behind the mouth of the gap; most face the road."""
     x, mouth_y, heading = gap
-    y = mouth_y + np.sign(mouth_y) * rng.uniform(*depth_m)
+    y = mouth_y + np.sign(mouth_y) * deepest_m * rng.beta(1.0, DEPTH_SKEW)
     towards_road = heading + np.pi
     return Standing(float(x + rng.normal(0, 0.12)), float(y), float(towards_road + rng.normal(0, 0.9)))
 
@@ -53,3 +55,10 @@ def draw_along(rng: np.random.Generator, x: float) -> Pacing:
     y = float(rng.uniform(*EDGE_Y_M)) * (1 if rng.random() < 0.5 else -1)
     way = 1 if rng.random() < 0.5 else -1
     return Pacing(x, y, x + way * float(rng.uniform(8.0, 25.0)), y, float(rng.uniform(*WALKING_SPEED_M_S)))
+
+
+def draw_on_side_road(rng: np.random.Generator, layout: GarageLayout) -> Pacing:
+    """Someone who walks along either edge of the side road."""
+    edge = rng.uniform(*EDGE_Y_M) * (1 if rng.random() < 0.5 else -1)
+    x, from_y, to_y = layout.junction_x + float(edge), *rng.uniform(SIDE_WALK_Y_M[0], SIDE_WALK_Y_M[1], 2)
+    return Pacing(x, float(from_y), x, float(to_y), float(rng.uniform(*WALKING_SPEED_M_S)), -float(rng.uniform(0, 20)))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -51,8 +52,6 @@ class World:
         self._actors = {actor.object_id: actor for actor in actors}
         if len(self._actors) != len(actors) or any(number < 0 for number in self._actors):
             raise GeometryError(f"world: object ids must differ and be >= 0, found {[a.object_id for a in actors]}")
-        standing = [(actor.mesh_at(0.0), actor.object_id) for actor in actors if stands(actor)]
-        self.static_scene = TriangleScene([(building_mesh(layout), BUILDING_INSTANCE), *standing])
         self._cache: dict[str, TriangleScene | RayTracer] = {}
         self.set_ego(layout.road_start_x, layout.lane_y, 0.0)
 
@@ -89,6 +88,12 @@ class World:
         lit = [actor for actor in self.actors if isinstance(actor, Car) and actor.lamps_on]
         lamps = [headlamps_of(pose_at(car, self.time_s), car.spec.length) for car in lit]
         return replace(self._lighting, headlamps=(headlamps_of(self.world_from_ego, EGO_SPEC.length), *lamps))
+
+    @cached_property
+    def static_scene(self) -> TriangleScene:
+        """The building and everybody who can never move; built once."""
+        standing = [(actor.mesh_at(0.0), actor.object_id) for actor in self.actors if stands(actor)]
+        return TriangleScene([(building_mesh(self.layout), BUILDING_INSTANCE), *standing])
 
     def moving_scene(self) -> TriangleScene:
         """Everybody on a trajectory, where they are now."""
