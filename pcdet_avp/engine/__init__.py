@@ -1,0 +1,1 @@
+"""Training and testing: schedule, sampler, checkpoints, the loop, the benchmark. Works on one CPU or many GPUs."""

@@ -1,0 +1,134 @@
+"""Checkpoint files: written whole or not at all, read without running code, never silently given up.
+
+A file holds tensors and plain values only (``torch.load(weights_only=True)``). ``model_state``, ``optimizer_state``,
+``epoch``, ``it`` and ``version`` are OpenPCDet's names; the rest is what a run needs to go on bit for bit.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+import pickle
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import nn
+
+from pcdet_avp.errors import CheckpointError
+
+LATEST = "latest_model.pth"
+UNREADABLE = (RuntimeError, EOFError, pickle.UnpicklingError, KeyError, ValueError, AttributeError, TypeError)
+
+
+def save(path: Path, content: Mapping[str, Any]) -> None:
+    """Write a checkpoint beside its place, make sure it is on the disk, and move it there."""
+    aside = path.with_name(f"{path.name}.{os.getpid()}.tmp")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with aside.open("wb") as file:
+            torch.save(dict(content), file)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(aside, path)
+        _sync_folder(path.parent)
+    except (OSError, RuntimeError) as error:
+        aside.unlink(missing_ok=True)
+        raise CheckpointError(f"{path}: cannot write this checkpoint ({error})") from error
+
+
+def load(path: str | os.PathLike, device: torch.device | str = "cpu") -> dict[str, Any]:
+    """Read a checkpoint of ours or OpenPCDet's: a mapping with ``model_state``."""
+    try:
+        file = io.BytesIO(Path(path).read_bytes())
+    except OSError as error:
+        raise CheckpointError(f"{path}: cannot read this checkpoint ({error.strerror})") from error
+    try:
+        content = torch.load(file, map_location=device, weights_only=True)
+    except UNREADABLE as error:
+        reason = str(error).strip().splitlines() or [type(error).__name__]
+        raise CheckpointError(f"{path}: truncated, damaged or no checkpoint at all ({reason[0][:120]})") from error
+    if not isinstance(content, dict) or not isinstance(content.get("model_state"), dict):
+        raise CheckpointError(f"{path}: expected a mapping with 'model_state', found {_outline(content)}")
+    return content
+
+
+def load_model(model: nn.Module, content: Mapping[str, Any], path: str | os.PathLike) -> None:
+    """Put the weights of a checkpoint into ``model``; a file of another network is named with what differs first."""
+    theirs, ours = content["model_state"], model.state_dict()
+    for key, value in ours.items():
+        if key not in theirs:
+            raise CheckpointError(
+                f"{path}: made with another configuration: it has no {key}, {tuple(value.shape)} here"
+            )
+        if theirs[key].shape != value.shape:
+            shapes = f"expected {tuple(value.shape)}, found {tuple(theirs[key].shape)}"
+            raise CheckpointError(f"{path}: made with another configuration: {key}: {shapes}")
+    extra = next((key for key in theirs if key not in ours), None)
+    if extra is not None:
+        raise CheckpointError(f"{path}: made with another configuration: it has {extra}, which this network lacks")
+    model.load_state_dict(theirs)
+
+
+def weights_hash(model_state: Mapping[str, torch.Tensor]) -> str:
+    """16 hexadecimal digits that change with any weight, not with key order, device or file."""
+    digest = hashlib.sha256()
+    for key in sorted(model_state):
+        value = model_state[key].detach().cpu().contiguous()
+        digest.update(f"{key}|{value.dtype}|{tuple(value.shape)}".encode())
+        digest.update(value.reshape(-1).view(torch.uint8).numpy().tobytes())
+    return digest.hexdigest()[:16]
+
+
+def newest_first(folder: Path) -> list[Path]:
+    """The checkpoints of a run, the one written last first."""
+    return sorted(folder.glob("*.pth"), key=lambda path: (path.stat().st_mtime_ns, path.name), reverse=True)
+
+
+def load_newest(folder: Path, device: torch.device | str = "cpu") -> tuple[Path, dict[str, Any], list[str]] | None:
+    """(path, content, complaints) of the newest checkpoint that can be read; None where there is none at all.
+
+    Damaged ones before it are renamed, so that nothing overwrites them, and complained about. If all are damaged,
+    that is an error, and they stay as they are.
+    """
+    damaged: dict[Path, str] = {}
+    for path in newest_first(folder):
+        try:
+            content = load(path, device)
+        except CheckpointError as error:
+            damaged[path] = str(error)
+            continue
+        return path, content, [f"{why}; kept as {_set_aside(bad).name}" for bad, why in damaged.items()]
+    if damaged:
+        raise CheckpointError(f"{folder}: no checkpoint can be read; " + "; ".join(damaged.values()))
+    return None
+
+
+def drop_oldest(folder: Path, keep: int) -> None:
+    """Remove epoch checkpoints, oldest first, until ``keep`` are left."""
+    for path in [p for p in newest_first(folder) if p.name != LATEST][keep:]:
+        path.unlink(missing_ok=True)
+
+
+def _set_aside(path: Path) -> Path:
+    number = 0
+    while (aside := path.with_name(f"{path.name}.damaged{number or ''}")).exists():
+        number += 1
+    path.rename(aside)
+    return aside
+
+
+def _sync_folder(folder: Path) -> None:
+    """Make the renaming itself survive a power cut, where the system can."""
+    if os.name == "posix":
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+def _outline(content: Any) -> str:
+    return f"keys {', '.join(map(str, list(content)[:6]))}" if isinstance(content, dict) else type(content).__name__

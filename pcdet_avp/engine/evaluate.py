@@ -1,0 +1,100 @@
+"""From a trained network to the benchmark table: detections of a split, for any of the sensor combinations."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import torch
+from torch import nn
+from tqdm import tqdm
+
+from pcdet_avp.engine.distributed import Ranks
+from pcdet_avp.engine.loader import batches
+from pcdet_avp.errors import SensorError
+from pcdet_avp.evaluation import Detections, evaluate, score_thresholds
+from pcdet_avp.evaluation.benchmark_table import benchmark_rows
+from pcdet_avp.structures.sensor_set import SENSOR_SETS, SensorSet
+
+Found = dict[str, list[Detections]]  # by combination; one per frame of the split, in its order
+
+
+def parse_combos(text: str) -> list[str]:
+    """``"all"`` or names between commas, in the paper's order."""
+    wanted = list(SENSOR_SETS) if text == "all" else [name.strip() for name in text.split(",") if name.strip()]
+    if not wanted:
+        raise SensorError(f"--combos {text!r}: expected all, or some of {', '.join(SENSOR_SETS)}")
+    for name in wanted:
+        SensorSet.parse(name)
+    return [name for name in SENSOR_SETS if name in wanted]
+
+
+def detect(
+    model: nn.Module, dataset, combos: Sequence[str], ranks: Ranks, batch_size: int = 1, workers: int = 0
+) -> Found:
+    """Run the network over the whole split once per combination; ranks share the frames, all get the result."""
+    found = {}
+    total = len(dataset) * len(combos)
+    was_training = model.training
+    model.eval()
+    with tqdm(total=total, unit="frame", desc=f"testing on {dataset.split}", disable=not ranks.is_first) as bar:
+        for combo in combos:
+            bar.set_postfix_str(combo, refresh=False)
+            mine = _shard(len(dataset), ranks)
+            annotations = list(_annotations(model, dataset, mine, combo, ranks, batch_size, workers, bar))
+            found[combo] = _in_order(dataset, ranks.gather(annotations))
+    model.train(was_training)
+    return found
+
+
+def _shard(frames: int, ranks: Ranks) -> range:
+    return range(ranks.rank, frames, ranks.world)
+
+
+def _annotations(model, dataset, indices, combo, ranks, batch_size, workers, bar) -> Iterator[dict]:
+    keys = [[(i, combo) for i in indices[start : start + batch_size]] for start in range(0, len(indices), batch_size)]
+    for batch_dict in batches(dataset, keys, ranks, workers):
+        with torch.no_grad():
+            predictions, _ = model(batch_dict)
+        yield from dataset.generate_prediction_dicts(batch_dict, predictions, dataset.class_names)
+        bar.update(batch_dict["batch_size"] * ranks.world)
+
+
+def _in_order(dataset, parts: Sequence[Sequence[Mapping]]) -> list[Detections]:
+    by_frame = {str(annotation["frame_id"]): annotation for part in parts for annotation in part}
+    return [Detections.from_annotation(by_frame[frame_id]) for frame_id in dataset.frame_ids]
+
+
+def benchmark(
+    dataset, found: Found, min_scores: Mapping[str, float] | None = None
+) -> tuple[list[dict], dict[str, str]]:
+    """(rows of the benchmark table, the full text of each combination's evaluation)."""
+    truths, regions = dataset.ground_truths(), dataset.regions()
+    rows, texts = [], {}
+    for combo, detections in found.items():
+        texts[combo], numbers = evaluate(truths, detections, regions, dataset.class_names, min_scores)
+        rows += benchmark_rows(combo, numbers, regions)
+    return rows, texts
+
+
+def driving_thresholds(dataset, found: Found) -> dict[str, float]:
+    """For each class, the score from which on F1 at the loose IoU is best over all combinations together.
+
+    One number per class serves every combination, because the roadside may vanish at any frame. For the
+    validation split.
+    """
+    truths, region = dataset.ground_truths(), dataset.regions()[-1]
+    together = [detections for of_combo in found.values() for detections in of_combo]
+    return score_thresholds(truths * len(found), together, region, dataset.class_names)
+
+
+def as_scalars(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """The overall columns of the first region, named for TensorBoard."""
+    first = rows[0]["region"] if rows else ""
+    scalars = {}
+    for row in (r for r in rows if r["region"] == first):
+        for name in (key for key, cells in row.items() if isinstance(cells, dict) and "overall" in cells):
+            for overlap, ap in row[name]["overall"].items():
+                if ap is not None:
+                    scalars[f"eval/{name}_{overlap}/{row['combo']}"] = ap
+    return scalars

@@ -1,0 +1,134 @@
+"""Checkpoint files: whole or absent, safe to read, and never given up in silence."""
+
+import os
+import pickle
+
+import pytest
+import torch
+
+from pcdet_avp.engine import checkpoint
+from pcdet_avp.errors import CheckpointError
+
+CONTENT = {"model_state": {"w": torch.arange(5000.0)}, "it": 7}
+
+
+def _save(folder, name, it, mtime):
+    path = folder / name
+    checkpoint.save(path, CONTENT | {"it": it})
+    os.utime(path, (mtime, mtime))
+    return path
+
+
+def _cut(path, share):
+    path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
+
+
+def test_what_is_saved_is_loaded(tmp_path):
+    checkpoint.save(tmp_path / "new" / "a.pth", CONTENT)
+    loaded = checkpoint.load(tmp_path / "new" / "a.pth")
+    assert loaded["it"] == 7
+    assert torch.equal(loaded["model_state"]["w"], CONTENT["model_state"]["w"])
+    assert [p.name for p in (tmp_path / "new").iterdir()] == ["a.pth"]
+
+
+def test_a_failed_write_leaves_the_file_before_it(tmp_path, monkeypatch):
+    path = _save(tmp_path, "a.pth", 1, 100)
+
+    def full(*_):
+        raise RuntimeError("unexpected pos: no space left on device")
+
+    monkeypatch.setattr(checkpoint.torch, "save", full)
+    with pytest.raises(CheckpointError, match=r"a\.pth: cannot write .*no space left"):
+        checkpoint.save(path, CONTENT)
+    assert checkpoint.load(path)["it"] == 1
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9, 0.999])
+def test_a_truncated_file_is_an_error_that_names_it(tmp_path, share):
+    path = _save(tmp_path, "a.pth", 1, 100)
+    _cut(path, share)
+    with pytest.raises(CheckpointError, match=r"a\.pth: truncated, damaged or no checkpoint"):
+        checkpoint.load(path)
+
+
+def test_other_files_are_refused(tmp_path):
+    (tmp_path / "text.pth").write_text("hello")
+    torch.save([1, 2], tmp_path / "list.pth")
+    for name, words in (("text", "truncated, damaged"), ("list", "found list"), ("none", "cannot read")):
+        with pytest.raises(CheckpointError, match=words):
+            checkpoint.load(tmp_path / f"{name}.pth")
+
+
+def test_code_in_a_checkpoint_is_not_run(tmp_path):
+    class Evil:
+        def __reduce__(self):
+            return os.mkdir, (str(tmp_path / "run"),)
+
+    torch.save({"model_state": Evil()}, tmp_path / "evil.pth")
+    (tmp_path / "evil2.pth").write_bytes(pickle.dumps({"model_state": Evil()}))
+    for name in ("evil", "evil2"):
+        with pytest.raises(CheckpointError, match=name):
+            checkpoint.load(tmp_path / f"{name}.pth")
+    assert not (tmp_path / "run").exists()
+
+
+def test_the_newest_that_can_be_read_is_used_and_damaged_ones_are_kept(tmp_path):
+    _save(tmp_path, "checkpoint_epoch_1.pth", 10, 100)
+    _save(tmp_path, "checkpoint_epoch_2.pth", 20, 200)
+    _cut(_save(tmp_path, "latest_model.pth", 25, 300), 0.5)
+    path, content, complaints = checkpoint.load_newest(tmp_path)
+    assert (path.name, content["it"]) == ("checkpoint_epoch_2.pth", 20)
+    assert len(complaints) == 1
+    assert "latest_model.pth: truncated" in complaints[0]
+    assert "latest_model.pth.damaged" in complaints[0]
+    assert (tmp_path / "latest_model.pth.damaged").exists()
+
+
+def test_a_second_damaged_file_does_not_replace_the_first(tmp_path):
+    for _ in range(2):
+        _save(tmp_path, "checkpoint_epoch_1.pth", 10, 100)
+        _cut(_save(tmp_path, "latest_model.pth", 25, 300), 0.5)
+        checkpoint.load_newest(tmp_path)
+    assert {p.name for p in tmp_path.glob("*.damaged*")} == {"latest_model.pth.damaged", "latest_model.pth.damaged1"}
+
+
+def test_if_none_can_be_read_nothing_starts_again_in_silence(tmp_path):
+    _cut(_save(tmp_path, "checkpoint_epoch_1.pth", 10, 100), 0.5)
+    for _ in range(2):
+        with pytest.raises(CheckpointError, match=r"no checkpoint can be read.*checkpoint_epoch_1\.pth"):
+            checkpoint.load_newest(tmp_path)
+
+
+def test_an_empty_folder_holds_none(tmp_path):
+    assert checkpoint.load_newest(tmp_path) is None
+
+
+def test_the_oldest_epochs_go_the_newest_state_stays(tmp_path):
+    for epoch in range(1, 6):
+        _save(tmp_path, f"checkpoint_epoch_{epoch}.pth", epoch, 100 * epoch)
+    _save(tmp_path, "latest_model.pth", 0, 50)
+    checkpoint.drop_oldest(tmp_path, keep=2)
+    assert {p.name for p in tmp_path.iterdir()} == {
+        "checkpoint_epoch_4.pth",
+        "checkpoint_epoch_5.pth",
+        "latest_model.pth",
+    }
+
+
+def test_weights_of_another_network_are_refused_by_the_first_difference():
+    model = torch.nn.Sequential(torch.nn.Linear(2, 3), torch.nn.Linear(3, 1))
+    state = model.state_dict()
+    with pytest.raises(CheckpointError, match=r"f: .*0\.weight: expected \(3, 2\), found \(3, 5\)"):
+        checkpoint.load_model(model, {"model_state": state | {"0.weight": torch.zeros(3, 5)}}, "f")
+    with pytest.raises(CheckpointError, match=r"1\.bias: expected \(1,\), found nothing"):
+        checkpoint.load_model(model, {"model_state": {k: v for k, v in state.items() if k != "1.bias"}}, "f")
+    with pytest.raises(CheckpointError, match="it has extra, which this network lacks"):
+        checkpoint.load_model(model, {"model_state": state | {"extra": torch.zeros(1)}}, "f")
+
+
+def test_the_weights_hash_sees_every_weight_and_nothing_else():
+    state = {"a": torch.ones(3), "b": torch.tensor(2)}
+    assert checkpoint.weights_hash(state) == checkpoint.weights_hash(dict(reversed(state.items())))
+    assert checkpoint.weights_hash(state) != checkpoint.weights_hash(state | {"a": torch.tensor([1, 1, 1.0001])})
+    assert checkpoint.weights_hash(state) != checkpoint.weights_hash({"a": torch.ones(3), "c": torch.tensor(2)})
