@@ -49,11 +49,11 @@ def assign(
 
 def _forced_boxes(iou: Tensor) -> Tensor:
     """(A,): the box that has this anchor as its best one (of several, the one that overlaps most), else -1."""
-    best = iou.amax(1, keepdim=True)
-    forced = (iou == best) & (best > 0)
-    anchors = forced.any(0).nonzero().squeeze(1)
+    best = iou.amax(1, keepdim=True).clamp(min=torch.finfo(iou.dtype).tiny)  # no overlap forces nothing
+    anchors = (iou == best).nonzero()[:, 1].unique()
+    candidates = iou[:, anchors]
     box = torch.full(iou.shape[1:], -1, dtype=torch.int64, device=iou.device)
-    box[anchors] = torch.where(forced[:, anchors], iou[:, anchors], -1.0).argmax(0)
+    box[anchors] = torch.where(candidates == best, candidates, -1.0).argmax(0)
     return box
 
 
