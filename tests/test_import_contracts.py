@@ -1,5 +1,6 @@
 """Who may import whom (the house's floors), checked in fresh interpreters."""
 
+import functools
 import json
 import pkgutil
 import subprocess
@@ -14,7 +15,9 @@ PACKAGE = Path(pcdet_avp.__file__).parent
 
 
 def modules_of(floor):
-    """Every module below ``pcdet_avp.<floor>``, by name."""
+    """Every module below ``pcdet_avp.<floor>``, by name; of no floor, the package alone."""
+    if not floor:
+        return ["pcdet_avp"]
     root = PACKAGE / floor
     if root.with_suffix(".py").exists():
         return [f"pcdet_avp.{floor}"]
@@ -22,8 +25,10 @@ def modules_of(floor):
     return [f"pcdet_avp.{floor}", *(module.name for module in found)]
 
 
-def loaded_after(modules):
-    """Names in sys.modules of a fresh interpreter that imports ``modules``."""
+@functools.cache
+def loaded_after(*floors):
+    """Names in sys.modules of a fresh interpreter that imports every module of some floors."""
+    modules = [name for floor in floors for name in modules_of(floor)]
     imports = f"[importlib.import_module(m) for m in {modules!r}]"
     code = f"import importlib, json, sys; {imports}; print(json.dumps([*sys.modules]))"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
@@ -32,27 +37,27 @@ def loaded_after(modules):
 
 
 def test_importing_the_package_costs_nothing():
-    loaded = loaded_after(["pcdet_avp"])
+    loaded = loaded_after("")
     for heavy in ("numpy", "torch", "numba", "cv2", "embreex", "yaml", "distributed"):
         assert heavy not in loaded, f"import pcdet_avp pulls in {heavy}"
 
 
 @pytest.mark.parametrize("floor", ["structures", "sim", "link", "evaluation", "visualization"])
 def test_numpy_floors_never_import_torch(floor):
-    loaded = loaded_after(modules_of(floor))
+    loaded = loaded_after(floor)
     assert "torch" not in loaded, f"pcdet_avp.{floor} must do without torch"
 
 
 @pytest.mark.parametrize("floor", ["models", "datasets", "engine"])
 def test_network_and_data_set_never_see_the_simulator(floor):
-    loaded = loaded_after(modules_of(floor))
+    loaded = loaded_after(floor)
     reached = sorted(name for name in loaded if name.startswith("pcdet_avp.sim"))
     assert not reached, f"pcdet_avp.{floor} must not import the simulator, but loads {reached}"
 
 
 @pytest.mark.parametrize("floor", ["structures", "link", "evaluation"])
 def test_lower_floors_do_not_look_up(floor):
-    loaded = loaded_after(modules_of(floor))
+    loaded = loaded_after(floor)
     above = tuple(f"pcdet_avp.{name}" for name in ("sim", "datasets", "models", "engine", "closed_loop", "generate"))
     reached = sorted(name for name in loaded if name.startswith(above))
     assert not reached, f"pcdet_avp.{floor} must not import {reached}"
@@ -60,6 +65,6 @@ def test_lower_floors_do_not_look_up(floor):
 
 @pytest.mark.parametrize("floor", ["models", "datasets", "engine", "structures", "sim", "link", "evaluation"])
 def test_no_optional_host_is_needed(floor):
-    loaded = loaded_after(modules_of(floor))
+    loaded = loaded_after(floor)
     for host in ("pcdet", "spconv", "mmdet3d", "carla"):
         assert host not in loaded

@@ -89,6 +89,7 @@ class BevCanvas:
 
 
 def put_text(image: np.ndarray, text: str, at: tuple[int, int], color=(235, 235, 235), scale: float = 0.6) -> None:
-    """Write text into the image, its lower left corner at pixel ``at``, with a dark rim so that it reads anywhere."""
-    for tint, width in (((0, 0, 0), 3), (color, 1)):
-        cv2.putText(image, text, at, cv2.FONT_HERSHEY_SIMPLEX, scale, [int(c) for c in tint], width, cv2.LINE_AA)
+    """Write text into the image, its lower left corner at pixel ``at``, on a shadow so that it reads anywhere."""
+    for tint, shift in (((0, 0, 0), 1), (color, 0)):
+        corner = (at[0] + shift, at[1] + shift)
+        cv2.putText(image, text, corner, cv2.FONT_HERSHEY_SIMPLEX, scale, [int(c) for c in tint], 1, cv2.LINE_AA)
