@@ -8,6 +8,8 @@ from pcdet_avp.sim.actors import floor_box
 from pcdet_avp.sim.trajectories import Trajectory
 from pcdet_avp.structures.rotated_iou import bev_intersection
 
+REACH_M = 8.0  # the centres of two cars that touch are nearer than this
+
 
 class Reservations:
     """Footprints of everybody accepted so far: what never moves, and what moves, at ``times_s`` (T,)."""
@@ -30,6 +32,10 @@ class Reservations:
 
     def _free(self, footprint: np.ndarray) -> bool:
         meets_standing = bev_intersection(footprint, self._standing).any()
-        return not meets_standing and not any(
-            np.diagonal(bev_intersection(footprint, other)).any() for other in self._moving
-        )
+        return not meets_standing and not any(_meet(footprint, other) for other in self._moving)
+
+
+def _meet(a: np.ndarray, b: np.ndarray) -> bool:
+    """Whether two road users' footprints (T, 7) overlap at any of T times."""
+    close = np.hypot(*(a[:, :2] - b[:, :2]).T) < REACH_M
+    return bool(np.diagonal(bev_intersection(a[close], b[close])).any())

@@ -45,16 +45,16 @@ class SceneConfig:
     garage: GarageConfig = field(default_factory=GarageConfig)
     # The maps of ego and mast overlap well in the first zone, partly or not at all in the others.
     zones: tuple[EgoZone, ...] = (
-        EgoZone(0.76, (14.0, 44.0), 0.42),
-        EgoZone(0.12, (2.0, 14.0), 0.42),
+        EgoZone(0.73, (14.0, 44.0), 0.42),
+        EgoZone(0.15, (2.0, 14.0), 0.42),
         EgoZone(0.12, (44.0, 110.0), 0.1),
     )
-    ego_speed_m_s: tuple[float, float] = (1.0, 6.0)
-    occupancy: tuple[float, float] = (0.55, 0.9)  # share of the slots that hold a car
+    ego_speed_m_s: tuple[float, float] = (1.0, 5.0)
+    occupancy: tuple[float, float] = (0.6, 0.92)  # share of the slots that hold a car
     gap_depth_m: float = 2.0  # people stand up to this far behind the mouth of a gap, most of them in its first half
     view_m: float = 44.8  # people and driving cars are drawn up to here before the ego
-    in_gap: tuple[int, int] = (4, 7)  # how many people or cars, both ends included
-    crossing: tuple[int, int] = (1, 4)
+    in_gap: tuple[int, int] = (3, 6)  # how many people or cars, both ends included
+    crossing: tuple[int, int] = (2, 4)
     along: tuple[int, int] = (0, 2)
     on_side_road: tuple[int, int] = (0, 2)
     same_lane: tuple[int, int] = (0, 1)
