@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
+import numba
 import numpy as np
 
-from pcdet_avp.sim.mesh import Material, Mesh, face_normals
+from pcdet_avp.sim.mesh import Material, Mesh, area_vector, face_normals
 
 
+@lru_cache(maxsize=64)
 def grid_faces(rows: int, cols: int, closed: bool) -> np.ndarray:
     """(F, 3) triangles of a (rows, cols) vertex grid, two per quad; ``closed`` joins the last column to the first.
 
@@ -17,7 +21,9 @@ def grid_faces(rows: int, cols: int, closed: bool) -> np.ndarray:
     i, j = (a.ravel() for a in np.meshgrid(np.arange(rows - 1), np.arange(quads), indexing="ij"))
     k = (j + 1) % cols
     a, b, c, d = i * cols + j, i * cols + k, (i + 1) * cols + k, (i + 1) * cols + j
-    return np.stack([a, b, c, a, c, d], 1).reshape(-1, 3).astype(np.int32)
+    faces = np.stack([a, b, c, a, c, d], 1).reshape(-1, 3).astype(np.int32)
+    faces.setflags(write=False)
+    return faces
 
 
 def mirrored_ring(half: np.ndarray) -> np.ndarray:
@@ -25,31 +31,33 @@ def mirrored_ring(half: np.ndarray) -> np.ndarray:
     return np.concatenate([half, half[:, -2:0:-1] * np.array([1.0, -1.0, 1.0])], axis=1)
 
 
+@numba.njit(cache=True)
 def creased_normals(vertices: np.ndarray, faces: np.ndarray, crease: float) -> np.ndarray:
     """(F, 3, 3) corner normals averaged, by area, over faces at the same vertex within ``crease`` radians."""
-    a, b, c = (vertices[faces[:, i]].astype(np.float64) for i in range(3))
-    weighted = np.cross(b - a, c - a)
-    unit = face_normals(vertices, faces)
-    corner_vertex = faces.ravel()
-    first, second = _pairs_at_same_vertex(corner_vertex)
-    f, g = first // 3, second // 3
-    near = np.einsum("ij,ij->i", unit[f], unit[g]) > np.cos(crease)
-    total = np.zeros((len(corner_vertex), 3))
-    np.add.at(total, first[near], weighted[g[near]])
-    total[np.linalg.norm(total, axis=1) < 1e-12] = (0.0, 0.0, 1.0)
-    total /= np.linalg.norm(total, axis=1, keepdims=True)
-    return total.reshape(-1, 3, 3).astype(np.float32)
-
-
-def _pairs_at_same_vertex(corner_vertex: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """All ordered pairs (with itself too) of corners that share a vertex."""
-    order = np.argsort(corner_vertex, kind="stable")
-    counts = np.bincount(corner_vertex)
-    starts = np.cumsum(counts) - counts
-    size = counts[corner_vertex[order]]
-    first = np.repeat(order, size)
-    offset = np.arange(size.sum()) - np.repeat(np.cumsum(size) - size, size)
-    return first, order[np.repeat(starts[corner_vertex[order]], size) + offset]
+    unit, limit = face_normals(vertices, faces), np.cos(crease)
+    weighted = np.empty((len(faces), 3))
+    starts = np.zeros(len(vertices) + 1, np.int64)  # of the faces at each vertex, in ``around``
+    for f in range(len(faces)):
+        weighted[f] = area_vector(vertices, faces[f])
+        for k in range(3):
+            starts[faces[f, k] + 1] += 1
+    starts = np.cumsum(starts)
+    around, filled = np.empty(3 * len(faces), np.int64), starts[:-1].copy()
+    for f in range(len(faces)):
+        for k in range(3):
+            around[filled[faces[f, k]]] = f
+            filled[faces[f, k]] += 1
+    normals = np.empty((len(faces), 3, 3), np.float32)
+    for f in range(len(faces)):
+        for k in range(3):
+            total = np.zeros(3)
+            for n in range(starts[faces[f, k]], starts[faces[f, k] + 1]):
+                g = around[n]
+                if unit[f, 0] * unit[g, 0] + unit[f, 1] * unit[g, 1] + unit[f, 2] * unit[g, 2] > limit:
+                    total += weighted[g]
+            length = np.sqrt((total * total).sum())
+            normals[f, k] = (total / length if length > 1e-12 else np.array([0.0, 0.0, 1.0])).astype(np.float32)
+    return normals
 
 
 def painted(vertices, faces, colors, materials, crease: float = 0.7) -> Mesh:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
+import numba
 import numpy as np
 
 from pcdet_avp.structures.pose import Pose
@@ -72,11 +73,25 @@ class Mesh:
         )
 
 
+@numba.njit(cache=True)
 def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """(F, 3) unit normals; zero for degenerate faces."""
-    a, b, c = (vertices[faces[:, i]] for i in range(3))
-    n = np.cross(b - a, c - a)
-    return (n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-12)).astype(np.float32)
+    """(F, 3) float32 unit normals; zero for degenerate faces."""
+    normals = np.zeros((len(faces), 3), np.float32)
+    for f in range(len(faces)):
+        x, y, z = area_vector(vertices, faces[f])
+        length = np.sqrt(x * x + y * y + z * z)
+        if length > 1e-12:
+            normals[f, 0], normals[f, 1], normals[f, 2] = x / length, y / length, z / length
+    return normals
+
+
+@numba.njit(inline="always")
+def area_vector(vertices, face):
+    """Twice the area of a triangle times its unit normal."""
+    a, b, c = vertices[face[0]], vertices[face[1]], vertices[face[2]]
+    e0, e1, e2 = np.float64(b[0]) - a[0], np.float64(b[1]) - a[1], np.float64(b[2]) - a[2]
+    g0, g1, g2 = np.float64(c[0]) - a[0], np.float64(c[1]) - a[1], np.float64(c[2]) - a[2]
+    return e1 * g2 - e2 * g1, e2 * g0 - e0 * g2, e0 * g1 - e1 * g0
 
 
 def smooth_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
