@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
+import cv2
 import numpy as np
 
 from pcdet_avp.config import require
@@ -100,13 +101,11 @@ def _photometric(entry: Mapping) -> Augmentation:
 def _expose(image: np.ndarray, gain: float, offset: float, noise_std: float, rng: np.random.Generator) -> np.ndarray:
     """uint8 image scaled about its mean, shifted, and with grey noise added; offset and noise_std in full scales."""
     mean = float(image.mean())
-    exposed = image.astype(np.float32)
-    exposed -= np.float32(mean)
-    exposed *= np.float32(gain)
-    exposed += np.float32(mean + 255 * offset)
+    table = (np.arange(256) - mean) * gain + mean + 255 * offset
+    exposed = cv2.LUT(image, table.astype(np.float32))
     if noise_std > 0:
         exposed += rng.standard_normal((*image.shape[:2], 1), dtype=np.float32) * np.float32(255 * noise_std)
-    return np.clip(np.rint(exposed), 0, 255).astype(np.uint8)
+    return np.clip(np.rint(exposed, out=exposed), 0, 255, out=exposed).astype(np.uint8)
 
 
 def _localisation(entry: Mapping) -> Augmentation:

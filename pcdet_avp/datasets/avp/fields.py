@@ -19,6 +19,8 @@ KINDS = {str: "text", int: "a whole number", float: "a number", list: "a list", 
 class Field:
     """A value inside a JSON file that knows where it stands."""
 
+    __slots__ = ("file", "name", "value")
+
     def __init__(self, value: Any, file: Path, name: str = "") -> None:
         self.value, self.file, self.name = value, file, name
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
+import numba
 import numpy as np
 
 from pcdet_avp.config import require
@@ -106,16 +107,29 @@ def _agent_input(view: AgentView, agent: str, frame_id: str, config: PrepareConf
 
 
 def _points(points: np.ndarray | None, name: str, config: PrepareConfig) -> np.ndarray:
-    """The points inside the agent's BEV range."""
+    """The points inside the agent's BEV range, in their order."""
     if points is None:
         return np.zeros((0, config.point_features), np.float32)
     if points.ndim != 2 or points.shape[1] != len(POINT_FEATURES):
         raise RecordError(f"{name}: expected shape (P, {len(POINT_FEATURES)}), found {points.shape}")
-    # A NaN or infinite value anywhere makes the sum one.
-    if not np.isfinite(points.sum(dtype=np.float64)) and not np.isfinite(points).all():
+    inside, finite = _crop(np.ascontiguousarray(points, np.float32), np.array(config.grid.range))
+    if not finite:
         raise RecordError(f"{name}: hold NaN or infinite values")
-    inside = config.grid.contains(points)
-    return points[inside, : config.point_features].astype(np.float32, copy=False)
+    return np.ascontiguousarray(inside[:, : config.point_features])
+
+
+@numba.njit(cache=True)
+def _crop(points, limits):
+    """The rows (Q, 4) inside the half-open ``limits`` (x, y, z minimum, then maximum), and whether all are finite."""
+    kept = np.empty_like(points)
+    n, finite = 0, True
+    for i in range(points.shape[0]):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        finite &= np.isfinite(x) and np.isfinite(y) and np.isfinite(z) and np.isfinite(points[i, 3])
+        if limits[0] <= x < limits[3] and limits[1] <= y < limits[4] and limits[2] <= z < limits[5]:
+            kept[n] = points[i]
+            n += 1
+    return kept[:n].copy(), finite
 
 
 def _image(image: np.ndarray | None, shape: tuple[int, int]) -> np.ndarray:
@@ -134,8 +148,8 @@ def _depth_map(depth: np.ndarray | None, config: PrepareConfig) -> np.ndarray:
     f, (rows, columns) = config.depth_downsample, config.depth_shape
     known = np.full((rows * f, columns * f), np.inf, np.float32)
     resized = _resize_nearest(depth, config.image_shape)
-    known[: resized.shape[0], : resized.shape[1]] = np.where(resized > 0, resized, np.inf)
-    nearest = known.reshape(rows, f, columns, f).min((1, 3))
+    known[: resized.shape[0], : resized.shape[1]] = np.where(resized > 0, resized, np.float32(np.inf))
+    nearest = known.reshape(rows, f, columns * f).min(1).reshape(rows, columns, f).min(2)
     return np.where(np.isfinite(nearest), nearest, 0).astype(np.float32)
 
 

@@ -13,7 +13,6 @@ from pcdet_avp.datasets.avp.image_files import decode_depth, decode_image
 from pcdet_avp.datasets.avp.layout import FRAME_FILE, POINT_LIST, RANGE_IMAGE, check_schema, frame_dir
 from pcdet_avp.datasets.avp.scan_codec import decode_scan
 from pcdet_avp.errors import RecordError, SensorError
-from pcdet_avp.structures.boxes import check_boxes
 from pcdet_avp.structures.camera import PinholeCamera
 from pcdet_avp.structures.frame import CLASS_NAMES, AgentView, Frame, Labels
 from pcdet_avp.structures.lidar_scan import LidarModel
@@ -21,6 +20,7 @@ from pcdet_avp.structures.sensor_set import SOURCES
 
 # What an object counts as where a recording does not say how well it was seen.
 DEFAULT_VISIBLE_VERTICES = 8
+NO_HITS = (0,) * len(SOURCES)
 
 
 def read_frame(root: str | Path, frame_id: str, sources: Collection[str] = SOURCES) -> Frame:
@@ -46,16 +46,21 @@ def read_labels(top: Field) -> Labels:
         return Labels.empty()
     return top["labels"].build(
         Labels,
-        np.stack([_box(row["box"]) for row in rows]),
+        _boxes(rows),
         np.array([_class_name(row["class"]) for row in rows]),
         np.array([row.get("id", i).of(int) for i, row in enumerate(rows)]),
         np.array([_vertices(row.get("visible_vertices", DEFAULT_VISIBLE_VERTICES)) for row in rows]),
-        np.stack([row.get("hits", [0] * len(SOURCES)).numbers(len(SOURCES)).astype(np.int64) for row in rows]),
+        np.stack([row.get("hits", NO_HITS).numbers(len(SOURCES)) for row in rows]).astype(np.int64),
     )
 
 
-def _box(field: Field) -> np.ndarray:
-    return field.build(check_boxes, field.numbers(7)[None], "box")[0]
+def _boxes(rows: list[Field]) -> np.ndarray:
+    """(N, 7), sizes positive."""
+    boxes = np.stack([row["box"].numbers(7) for row in rows])
+    flat = (boxes[:, 3:6] <= 0).any(1)
+    if flat.any():
+        raise rows[int(np.argmax(flat))]["box"].error("every size must be positive")
+    return boxes
 
 
 def _class_name(field: Field) -> str:

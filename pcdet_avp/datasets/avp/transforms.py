@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 
 from pcdet_avp.structures.boxes import transform_boxes, wrap_angle
@@ -32,9 +33,9 @@ def _flip_view(view: AgentView) -> AgentView:
     return AgentView(
         Pose(MIRROR_Y @ view.world_from_agent.matrix @ MIRROR_Y),
         None if view.camera is None else _flip_camera(view.camera),
-        None if view.image is None else np.ascontiguousarray(view.image[:, ::-1]),
-        None if view.depth is None else np.ascontiguousarray(view.depth[:, ::-1]),
-        None if view.points is None else view.points * np.array([1, -1, 1, 1], view.points.dtype),
+        None if view.image is None else cv2.flip(view.image, 1),
+        None if view.depth is None else cv2.flip(view.depth, 1),
+        None if view.points is None else _map_points(view.points, MIRROR_Y[:3, :3]),
     )
 
 
@@ -62,7 +63,7 @@ def _rotate_view(view: AgentView, new_from_old: Pose) -> AgentView:
     if camera is not None:
         camera = replace(camera, agent_from_camera=new_from_old @ camera.agent_from_camera)
     if points is not None:
-        points = np.concatenate([new_from_old.apply(points[:, :3]), points[:, 3:]], 1)
+        points = _map_points(points, new_from_old.rotation)
     return replace(
         view,
         world_from_agent=view.world_from_agent @ new_from_old.inverse(),
@@ -84,7 +85,7 @@ def _scale_view(view: AgentView, factor: float) -> AgentView:
     if camera is not None:
         camera = replace(camera, agent_from_camera=_scale_pose(camera.agent_from_camera, factor))
     if points is not None:
-        points = points * np.array([factor, factor, factor, 1], points.dtype)
+        points = _map_points(points, factor * np.eye(3))
     if depth is not None:
         depth = depth * depth.dtype.type(factor)
     return AgentView(_scale_pose(view.world_from_agent, factor), camera, view.image, depth, points)
@@ -94,6 +95,13 @@ def _scale_pose(pose: Pose, factor: float) -> Pose:
     matrix = pose.matrix.copy()
     matrix[:3, 3] *= factor
     return Pose(matrix)
+
+
+def _map_points(points: np.ndarray, linear: np.ndarray) -> np.ndarray:
+    """(P, 4) points whose positions are multiplied by a (3, 3) matrix; intensity stays."""
+    matrix = np.eye(4, dtype=points.dtype)
+    matrix[:3, :3] = linear
+    return points @ matrix.T
 
 
 def misplace_infra(frame: Frame, dx_m: float, dy_m: float, yaw: float) -> Frame:
