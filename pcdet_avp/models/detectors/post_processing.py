@@ -1,0 +1,82 @@
+"""From the head's boxes and logits to detections: score threshold and rotated NMS per class, nothing upon the ego."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from pcdet_avp.errors import ConfigError
+from pcdet_avp.models.dense_heads.rotated_nms import rotated_nms
+from pcdet_avp.structures.ego import overlaps_ego
+from pcdet_avp.structures.rotated_iou import iou_3d
+
+
+class PostProcessing:
+    """OpenPCDet's POST_PROCESSING keys; SCORE_THRESH and NMS_CONFIG.NMS_THRESH may also be one number per class.
+
+    Suppression stays within a class: a person beside a car must not vanish.
+    """
+
+    def __init__(self, cfg: Any, class_names: Sequence[str]) -> None:
+        nms = cfg["NMS_CONFIG"]
+        self.min_scores = per_class(cfg["SCORE_THRESH"], class_names, "SCORE_THRESH")
+        self.max_overlaps = per_class(nms["NMS_THRESH"], class_names, "NMS_CONFIG.NMS_THRESH")
+        self.pre_max, self.post_max = int(nms["NMS_PRE_MAXSIZE"]), int(nms["NMS_POST_MAXSIZE"])
+        self.recall_overlaps = [float(v) for v in cfg.get("RECALL_THRESH_LIST", [])]
+
+    def __call__(self, batch_dict: dict) -> tuple[list[dict], dict]:
+        """
+        Args: batch_dict:
+            batch_cls_preds (B, A, num_class) logits, or scores where cls_preds_normalized; batch_box_preds (B, A, 7)
+            gt_boxes (B, M, 8), optional, for the recall
+        Returns:
+            per sample pred_boxes (n, 7), pred_scores (n,) falling, pred_labels (n,) from 1; and OpenPCDet's recall
+            counts: gt, and rcnn_<overlap> for every overlap of RECALL_THRESH_LIST
+        """
+        scores = batch_dict["batch_cls_preds"]
+        scores = scores if batch_dict["cls_preds_normalized"] else scores.sigmoid()
+        found = [self.detect(b, s) for b, s in zip(batch_dict["batch_box_preds"], scores, strict=True)]
+        recall = count_recalled(found, batch_dict.get("gt_boxes"), self.recall_overlaps)
+        return found, recall
+
+    def detect(self, boxes: Tensor, scores: Tensor) -> dict[str, Tensor]:
+        """Detections of one sample from boxes (A, 7) and scores (A, num_class)."""
+        parts = [self._of_class(boxes, scores[:, k], k) for k in range(len(self.min_scores))]
+        boxes, scores, labels = (torch.cat(column) for column in zip(*parts, strict=True))
+        free = ~torch.from_numpy(overlaps_ego(boxes.detach().cpu().numpy())).to(boxes.device)
+        order = torch.where(free, scores, -1.0).sort(descending=True, stable=True).indices[: int(free.sum())]
+        return {"pred_boxes": boxes[order], "pred_scores": scores[order], "pred_labels": labels[order]}
+
+    def _of_class(self, boxes: Tensor, scores: Tensor, k: int) -> tuple[Tensor, Tensor, Tensor]:
+        above = (scores > self.min_scores[k]).nonzero().squeeze(1)
+        boxes, scores = boxes[above], scores[above]
+        keep = rotated_nms(boxes, scores, self.max_overlaps[k], self.pre_max, self.post_max)
+        return boxes[keep], scores[keep], torch.full_like(keep, k + 1)
+
+
+def per_class(value: float | Mapping[str, float], class_names: Sequence[str], key: str) -> list[float]:
+    """One number for all classes, or a mapping from class names, as a list in the order of ``class_names``."""
+    if not isinstance(value, Mapping):
+        return [float(value)] * len(class_names)
+    if set(value) != set(class_names):
+        raise ConfigError(f"POST_PROCESSING.{key}: expected {', '.join(class_names)}, found {', '.join(value)}")
+    return [float(value[name]) for name in class_names]
+
+
+def count_recalled(found: Sequence[dict], gt_boxes: Tensor | None, overlaps: Sequence[float]) -> dict[str, int]:
+    """How many objects there are, and how many have a detection of any class with at least this 3D IoU."""
+    counts = {"gt": 0} | {f"rcnn_{overlap}": 0 for overlap in overlaps}
+    if gt_boxes is None or not overlaps:
+        return counts
+    for detections, rows in zip(found, gt_boxes.detach().cpu().double().numpy(), strict=True):
+        truth = rows[rows[:, 7] > 0, :7]
+        counts["gt"] += len(truth)
+        boxes = detections["pred_boxes"].detach().cpu().double().numpy()
+        if len(truth) and len(boxes):
+            best = iou_3d(truth, boxes).max(1)
+            for overlap in overlaps:
+                counts[f"rcnn_{overlap}"] += int((best > overlap).sum())
+    return counts
