@@ -94,17 +94,6 @@ def area_vector(vertices, face):
     return e1 * g2 - e2 * g1, e2 * g0 - e0 * g2, e0 * g1 - e1 * g0
 
 
-def smooth_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """(F, 3, 3) corner normals averaged over the faces that share a vertex, weighted by area."""
-    a, b, c = (vertices[faces[:, i]] for i in range(3))
-    n = np.cross(b - a, c - a)
-    at_vertex = np.zeros_like(vertices, dtype=np.float64)
-    for i in range(3):
-        np.add.at(at_vertex, faces[:, i], n)
-    at_vertex /= np.maximum(np.linalg.norm(at_vertex, axis=1, keepdims=True), 1e-12)
-    return at_vertex[faces].astype(np.float32)
-
-
 def box_mesh(size, centre, color, material: Material) -> Mesh:
     """An axis-aligned box of size (3,) around centre (3,), shaded flat."""
     signs = np.array([[x, y, z] for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)], dtype=np.float32)
