@@ -1,0 +1,128 @@
+"""How fast to go, given what was detected: the paper's law for walkers, and a rule for vehicles at the junction.
+
+The law (paper, section "Evaluations of Safety-Critical Scenarios"), with dx_l and dx_h the longitudinal and lateral
+distances to a walker and v_c the cruising speed:
+
+    v* = v_c clip((dx_l - 3) / 9, 0, 1)    for dx_h in [0, 2.5]
+    v* = v_c clip((dx_l - 1) / 6, 0.5, 1)  for dx_h in (2.5, 6]
+    v* = v_c                               else
+
+dx_l is measured from the front bumper to the nearest point of the box, dx_h from the ego's centre line to the nearest
+point of the box. Several walkers: the slowest wins. Walkers behind the bumper are ignored.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcdet_avp.structures.boxes import bev_corners, transform_boxes
+from pcdet_avp.structures.ego import EGO_LENGTH_M
+from pcdet_avp.structures.pose import Pose
+
+INNER_M, OUTER_M = 2.5, 6.0  # lateral limits of the law's two bands
+BUMPER_X_M = EGO_LENGTH_M / 2
+
+
+def target_speed_law(ahead_m: np.ndarray, aside_m: np.ndarray, cruising: float) -> np.ndarray:
+    """v* (...) in m/s for a walker at dx_l = ``ahead_m`` and dx_h = ``aside_m`` (...); the paper's heat map."""
+    ahead, aside = np.asarray(ahead_m, dtype=float), np.asarray(aside_m, dtype=float)
+    inner = np.clip((ahead - 3.0) / 9.0, 0.0, 1.0)
+    outer = np.clip((ahead - 1.0) / 6.0, 0.5, 1.0)
+    return cruising * np.where(aside <= INNER_M, inner, np.where(aside <= OUTER_M, outer, 1.0))
+
+
+def walker_distances(boxes: np.ndarray, from_bumper: bool = True) -> tuple[np.ndarray, np.ndarray]:
+    """dx_l and dx_h (N,) of boxes (N, 7) in the ego frame; dx_l is infinite for those behind the front bumper.
+
+    ``from_bumper`` False measures dx_l from the ego's centre instead, as the paper may have done; what lies behind
+    the bumper is ignored all the same.
+    """
+    corners = bev_corners(boxes)
+    near, far = corners[..., 0].min(1), corners[..., 0].max(1)
+    right, left = corners[..., 1].min(1), corners[..., 1].max(1)
+    ahead = near - BUMPER_X_M if from_bumper else near
+    return np.where(far > BUMPER_X_M, ahead, np.inf), np.maximum(np.maximum(right, -left), 0.0)
+
+
+def walkers_target_speed(boxes: np.ndarray, cruising: float, from_bumper: bool = True) -> float:
+    """v* in m/s for walkers (N, 7) in the ego frame."""
+    return float(target_speed_law(*walker_distances(boxes, from_bumper), cruising).min(initial=cruising))
+
+
+@dataclass(frozen=True, eq=False)
+class JunctionMap:
+    """What the garage's map says about the junction, in a frame whose x axis is the ego's way along the road.
+
+    The side road joins from the right (y < 0) and traffic keeps to the right. Rectangles are x_min, y_min, x_max,
+    y_max in metres.
+    """
+
+    drivable: np.ndarray  # (K, 4) the side road and the junction
+    slots: np.ndarray  # (S, 4) where parked vehicles stand
+    divide_x: float  # the side road's centre line: who leaves the side road is beyond it, who enters is before it
+    swath_y: tuple[float, float]  # what the ego sweeps, right and left limit
+    zone_x: tuple[float, float]  # the conflict zone: where the swath of a turning vehicle crosses the ego's
+
+    def obstructs(self, vehicles: np.ndarray) -> np.ndarray:
+        """Mask (N,) of vehicles (N, 7) in the map's frame that may yet come into the conflict zone."""
+        on_road = _inside(vehicles, self.drivable) & ~_inside(vehicles, self.slots)
+        return on_road & ~self._has_cleared(vehicles)
+
+    def _has_cleared(self, vehicles: np.ndarray) -> np.ndarray:
+        """Wholly beyond the swath, or wholly before it on the entering side and facing down the side road."""
+        y = bev_corners(vehicles)[..., 1]
+        beyond = y.min(1) > self.swath_y[1]
+        entered = (y.max(1) < self.swath_y[0]) & (vehicles[:, 0] < self.divide_x) & (np.sin(vehicles[:, 6]) < -0.5)
+        return beyond | entered
+
+
+def _inside(boxes: np.ndarray, rectangles: np.ndarray) -> np.ndarray:
+    """Mask (N,) of boxes whose centre lies in any of the rectangles (K, 4)."""
+    x, y = boxes[:, 0, None], boxes[:, 1, None]
+    x_min, y_min, x_max, y_max = np.asarray(rectangles, dtype=float).reshape(-1, 4).T
+    return ((x >= x_min) & (x <= x_max) & (y >= y_min) & (y <= y_max)).any(1)
+
+
+def junction_target_speed(vehicles: np.ndarray, front_x: float, junction: JunctionMap, cruising: float) -> float:
+    """v* in m/s for vehicles (N, 7) in the map's frame, the ego's front bumper being at ``front_x``.
+
+    An obstructing vehicle is an obstacle at the entry of the conflict zone, straight ahead (dx_h = 0). An ego that
+    is inside the zone already clears it.
+    """
+    ahead = junction.zone_x[0] - front_x
+    if ahead < 0 or not junction.obstructs(vehicles).any():
+        return cruising
+    return float(target_speed_law(ahead, 0.0, cruising))
+
+
+def target_speed(
+    walkers: np.ndarray,
+    vehicles: np.ndarray,
+    cruising: float,
+    map_from_ego: Pose,
+    junction: JunctionMap | None = None,
+    from_bumper: bool = True,
+) -> float:
+    """v* in m/s for detected walkers (N, 7) and vehicles (M, 7) in the ego frame; vehicles count only with a map."""
+    slowest = walkers_target_speed(walkers, cruising, from_bumper)
+    if junction is None:
+        return slowest
+    front_x = float(map_from_ego.apply(np.array([BUMPER_X_M, 0.0, 0.0]))[0])
+    return min(slowest, junction_target_speed(transform_boxes(map_from_ego, vehicles), front_x, junction, cruising))
+
+
+def conflict_zone(footprints: np.ndarray, swath_y: tuple[float, float]) -> tuple[float, float]:
+    """x_min and x_max of what footprints (T, 4, 2) cover of the strip ``swath_y``; inf, -inf where they never do.
+
+    A footprint cut by the strip reaches farthest at a corner inside it or where an edge crosses its border.
+    """
+    start, end = footprints, np.roll(footprints, -1, axis=1)
+    xs = [footprints[..., 0][(footprints[..., 1] >= swath_y[0]) & (footprints[..., 1] <= swath_y[1])]]
+    for border in swath_y:
+        crosses = (start[..., 1] - border) * (end[..., 1] - border) < 0
+        p, q = start[crosses], end[crosses]
+        xs.append(p[:, 0] + (border - p[:, 1]) / (q[:, 1] - p[:, 1]) * (q[:, 0] - p[:, 0]))
+    x = np.concatenate(xs)
+    return float(x.min(initial=np.inf)), float(x.max(initial=-np.inf))

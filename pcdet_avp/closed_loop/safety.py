@@ -1,0 +1,55 @@
+"""What a number of crashes says about safety: intervals, and the speeds they allow."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from scipy.special import betaincinv
+
+from pcdet_avp.errors import ConfigError
+
+Tally = Mapping[float, tuple[int, int]]  # cruising speed in m/s -> (crashes, trials)
+
+
+def crash_interval(crashes: int, trials: int, level: float = 0.95) -> tuple[float, float]:
+    """Clopper-Pearson interval of the crash rate (two-sided)."""
+    side = (1 - level) / 2
+    return _bound(crashes, trials, side, lower=True), _bound(crashes, trials, side, lower=False)
+
+
+def crash_bound(crashes: int, trials: int, level: float = 0.95) -> float:
+    """One-sided upper bound of the crash rate; 0 of 20 leaves 0.139 at 95 %."""
+    return _bound(crashes, trials, 1 - level, lower=False)
+
+
+def _bound(crashes: int, trials: int, side: float, lower: bool) -> float:
+    if not 0 <= crashes <= trials or trials == 0:
+        raise ConfigError(f"crash rate: expected 0 <= crashes <= trials and a trial at least, found {crashes}/{trials}")
+    if lower:
+        return float(betaincinv(crashes, trials - crashes + 1, side)) if crashes > 0 else 0.0
+    return float(betaincinv(crashes + 1, trials - crashes, 1 - side)) if crashes < trials else 1.0
+
+
+def max_safe_speed(tally: Tally) -> float | None:
+    """The highest tested speed up to which no crash occurred; None if the slowest one crashed."""
+    return _highest(tally, lambda crashes, trials: crashes == 0)
+
+
+def bounded_speed(tally: Tally, rate: float, level: float = 0.95) -> float | None:
+    """The highest tested speed up to which the one-sided bound of the crash rate stays below ``rate``."""
+    return _highest(tally, lambda crashes, trials: crash_bound(crashes, trials, level) < rate)
+
+
+def _highest(tally: Tally, is_safe) -> float | None:
+    highest = None
+    for speed in sorted(tally):
+        if not is_safe(*tally[speed]):
+            break
+        highest = speed
+    return highest
+
+
+def describe(crashes: int, trials: int) -> str:
+    """``1/20 [0.1, 24.9] %``: the count with its 95 % interval."""
+    low, high = crash_interval(crashes, trials)
+    return f"{crashes}/{trials} [{100 * low:.1f}, {100 * high:.1f}] %"
