@@ -20,8 +20,9 @@ def open_sky(tracer, camera, eye, rays, hits, enabled: bool) -> np.ndarray:
     rows, cols = -(-camera.height // STEP), -(-camera.width // STEP)
     origins, directions = np.empty((rows * cols, 3), np.float32), np.empty((rows * cols, 3), np.float32)
     _probe(eye, rays, hits.distance, hits.face, hits.u, hits.v, tracer.normals, camera.width, cols, origins, directions)
-    blocked = tracer.occluded(origins, directions, 1.0).reshape(rows, cols)
-    _spread(blocked, hits.distance.reshape(camera.height, camera.width), sky.reshape(camera.height, camera.width))
+    free = ~tracer.occluded(origins, directions, 1.0).reshape(rows, cols)
+    shape = (camera.height, camera.width)
+    _spread(free, hits.distance.reshape(shape), np.empty((rows, cols), np.float32), sky.reshape(shape))
     return sky
 
 
@@ -68,20 +69,39 @@ def _probe(eye, rays, distance, face, bu, bv, normals, width, cols, origins, dir
 
 
 @numba.njit(cache=True, fastmath=True)
-def _spread(blocked, distance, sky):
-    """Average the samples around each pixel that lie at a similar depth."""
-    rows, cols = blocked.shape
+def _spread(free, distance, average, sky):
+    """Average each sample (rows, cols) with those of a similar depth around it; give pixels (H, W) the nearest one."""
+    rows, cols = free.shape
+    for r in range(rows):
+        for c in range(cols):
+            average[r, c] = _average(free, distance, r, c)
     for y in range(sky.shape[0]):
-        r0 = max(0, min(y // STEP - 1, rows - 4))
         for x in range(sky.shape[1]):
-            c0 = max(0, min(x // STEP - 1, cols - 4))
+            r, c = y // STEP, x // STEP
             t = distance[y, x]
-            total, free = F(0.0), F(0.0)
-            for r in range(r0, min(r0 + 4, rows)):
-                for c in range(c0, min(c0 + 4, cols)):
-                    if abs(distance[r * STEP, c * STEP] - t) < F(0.06) * t:
-                        total += F(1.0)
-                        if not blocked[r, c]:
-                            free += F(1.0)
-            if total > F(0.0):
-                sky[y, x] = LEAST + (F(1.0) - LEAST) * free / total
+            if not _similar(distance[r * STEP, c * STEP], t):
+                down, right = min(r + 1, rows - 1), min(c + 1, cols - 1)
+                if _similar(distance[r * STEP, right * STEP], t):
+                    c = right
+                elif _similar(distance[down * STEP, c * STEP], t):
+                    r = down
+            sky[y, x] = LEAST + (F(1.0) - LEAST) * average[r, c]
+
+
+@numba.njit(fastmath=True)
+def _similar(a, b):
+    return abs(a - b) < F(0.06) * b
+
+
+@numba.njit(fastmath=True)
+def _average(free, distance, row, col):
+    """Share of free samples in the 4 x 4 block around one."""
+    r0, c0 = max(0, min(row - 1, free.shape[0] - 4)), max(0, min(col - 1, free.shape[1] - 4))
+    t = distance[row * STEP, col * STEP]
+    total, count = F(1e-6), F(1e-6)
+    for r in range(r0, min(r0 + 4, free.shape[0])):
+        for c in range(c0, min(c0 + 4, free.shape[1])):
+            near = F(1.0) if _similar(distance[r * STEP, c * STEP], t) else F(0.0)
+            total += near
+            count += near * F(free[r, c])
+    return count / total

@@ -9,7 +9,7 @@ import numpy as np
 
 from pcdet_avp.sim import film, shading
 from pcdet_avp.sim.ambient_occlusion import open_sky
-from pcdet_avp.sim.lights import KEY, LightField, Lighting, draw_lighting, headlamps_of
+from pcdet_avp.sim.lights import KEY, Lighting, draw_lighting, headlamps_of
 from pcdet_avp.sim.raytracer import RayTracer
 from pcdet_avp.sim.textures import noise_tiles
 from pcdet_avp.structures.camera import PinholeCamera
@@ -18,6 +18,7 @@ from pcdet_avp.structures.pose import Pose
 __all__ = ["Lighting", "Rendered", "draw_lighting", "headlamps_of", "render"]
 
 MID_GREY = 0.18
+BAND_ROWS = 64
 HEADLAMP_POWER = 3.0  # of a pair of head lamps, in floor lights at 5 m
 
 
@@ -61,28 +62,36 @@ def _fill_rays(m, width, rays):
 
 
 def _radiance(tracer, camera, eye, rays, hits, lighting) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Radiance (R, 3), depth (R,) and instance (R,)."""
-    field, count = lighting.field, len(rays)
-    slots = count * lighting.shadow_lamps
+    """Radiance (R, 3), depth (R,) and instance (R,). Bands of rows share the memory of the shadow rays."""
+    count, band = len(rays), BAND_ROWS * camera.width
     sky = open_sky(tracer, camera, eye, rays, hits, lighting.ambient_occlusion)
-    out = (
-        *(np.empty(s, t) for s, t in (((count, 3), np.float32), (count, np.float32), (count, np.int32))),
-        np.empty((slots, 3), np.float32),
-        np.empty((slots, 3), np.float32),
-        np.empty(slots, np.int32),
-        np.empty((slots, 3), np.float32),
-    )
-    tables = (tracer.instance, tracer.colors, tracer.materials, tracer.normals)
-    light = (field.origin, field.members, field.bounced, field.position, field.color)
-    power = np.float32(HEADLAMP_POWER * 25.0 * field.floor_light)
-    found = shading.shade(
-        eye, rays, (hits.distance, hits.face, hits.u, hits.v), tables, light, _beams(lighting.headlamps), power,
-        _ceiling(field), noise_tiles(), sky, lighting.shadow_lamps, out,
-    )  # fmt: skip
-    radiance, depth, instance, origins, directions, pixel, arriving = out
-    blocked = tracer.occluded(origins[:found], directions[:found], 1.0)
-    shading.add_unblocked(radiance, pixel[:found], arriving[:found], blocked)
-    return radiance, depth, instance
+    seen = np.empty((count, 3), np.float32), np.empty(count, np.float32), np.empty(count, np.int32)
+    scene = _scene_tables(tracer, lighting)
+    shadows = _shadow_buffers(band * lighting.shadow_lamps)
+    for start in range(0, count, band):
+        part = slice(start, start + band)
+        columns = tuple(a[part] for a in (rays, hits.distance, hits.face, hits.u, hits.v, sky))
+        out = tuple(a[part] for a in seen)
+        found = shading.shade(eye, start, columns, *scene, lighting.shadow_lamps, out, shadows)
+        origins, directions, pixel, arriving = (a[:found] for a in shadows)
+        shading.add_unblocked(out[0], pixel, arriving, tracer.occluded(origins, directions, 1.0))
+    return seen
+
+
+def _scene_tables(tracer: RayTracer, lighting: Lighting) -> tuple:
+    """What the shading looks up: tables by face, the light field, head-lamp beams and their power, noise tiles."""
+    field = lighting.field
+    faces = (tracer.instance, tracer.colors, tracer.materials, tracer.normals)
+    unit = np.float32(field.floor_light)
+    light = (field.origin, field.lamps, field.smooth, field.tint, np.float32(field.height), unit)
+    power = np.float32(HEADLAMP_POWER * 25.0) * unit
+    return faces, light, _beams(lighting.headlamps), power, noise_tiles()
+
+
+def _shadow_buffers(slots: int) -> tuple[np.ndarray, ...]:
+    """Room for the shadow rays of one band: origin, direction, pixel, light."""
+    shapes = (((slots, 3), np.float32), ((slots, 3), np.float32), (slots, np.int32), ((slots, 3), np.float32))
+    return tuple(np.empty(shape, dtype) for shape, dtype in shapes)
 
 
 def _beams(headlamps: tuple[Pose, ...]) -> np.ndarray:
@@ -91,17 +100,10 @@ def _beams(headlamps: tuple[Pose, ...]) -> np.ndarray:
     return np.array(rows, np.float32).reshape(-1, 4, 3)
 
 
-def _ceiling(field: LightField) -> np.float32:
-    """Height at which mirrored rays meet the lamps."""
-    return np.float32(field.position[:, 2].mean() if len(field.position) else 3.0)
-
-
 def _developed(radiance, shape, lighting: Lighting, rng: np.random.Generator) -> np.ndarray:
     image = np.empty((*shape, 3), np.uint8)
     gain = lighting.exposure * KEY / (MID_GREY * lighting.field.floor_light)
     seed = rng.integers(0, 2**64, dtype=np.uint64)
     noise = np.float32(lighting.read_noise), np.float32(lighting.shot_noise)
-    film.develop(
-        radiance.reshape(*shape, 3), np.float32(gain), *noise, seed, film.tone_curve(lighting.gamma), image
-    )
+    film.develop(radiance.reshape(*shape, 3), np.float32(gain), *noise, seed, film.tone_curve(lighting.gamma), image)
     return image

@@ -15,9 +15,10 @@ from pcdet_avp.sim.garage import Lamp
 from pcdet_avp.structures.pose import Pose
 
 TUBE_HALF_LENGTH_M = 0.6  # lamps are tubes along the world's x axis
-LAMP_REACH_M = 16.0  # beyond this a lamp counts as bounced light only
+NEAR_M = 9.0  # a lamp further away than this (in plan) lights without being followed ray by ray
 CELL_M = 2.0
-LAMPS_PER_CELL = 12
+LAMPS_PER_CELL = 8
+SMOOTH_AT_M = 1.0  # height at which the smooth part of the light is taken
 BOUNCE = 0.30  # share of a lamp's light that comes back from the surfaces around it
 KEY = 0.30  # signal of a mid-grey floor under healthy lamps at exposure 1
 HEADLAMP_HEIGHT_M = 0.66
@@ -73,59 +74,81 @@ def headlamps_of(world_from_car: Pose, length: float) -> Pose:
 
 @dataclass(frozen=True, eq=False)
 class LightField:
-    """Lamps near every 2 m cell of the floor plan, strongest first.
+    """The lamps' light over the floor plan, in square cells.
 
-    origin (2,): the corner of cell (0, 0), metres. members (nx, ny, LAMPS_PER_CELL) int16, -1 = no more.
-    bounced (nx, ny, 3): light that reaches a cell from all surfaces. position, color (L, 3) float32.
+    origin (2,): the corner of cell (0, 0), metres. lamps (nx, ny, LAMPS_PER_CELL, 5): x, y, z, intensity and number
+    of the lamps near a cell, strongest first, intensity 0 where there are no more.
+    smooth (nx, ny, 4): light bounced by all surfaces, and the vector sum of the direct light of lamps beyond
+    ``NEAR_M``. tint (L + 1, 3): colour of each lamp, and last of all of them together. height: mean of the lamps'.
     floor_light: irradiance of the floor under healthy lamps, the unit of ``ambient`` and of the exposure.
     """
 
     origin: np.ndarray
-    members: np.ndarray
-    bounced: np.ndarray
-    position: np.ndarray
-    color: np.ndarray
+    lamps: np.ndarray
+    smooth: np.ndarray
+    tint: np.ndarray
+    height: float
     floor_light: float
 
 
 @lru_cache(maxsize=16)
 def _light_field(lamps: tuple[Lamp, ...], ambient: float) -> LightField:
-    position = np.array([(a.x, a.y, a.z) for a in lamps], np.float32).reshape(-1, 3)
-    color = np.array([np.multiply(a.intensity, a.tint) for a in lamps], np.float32).reshape(-1, 3)
-    origin, centres = _cells(position)
-    flat = np.square(centres[:, :, None] - position[None, None, :, :2]).sum(-1)
-    floor_light = _healthy_floor_light(position)
-    height2 = np.square(position[:, 2]) if len(position) else np.zeros(0)
-    bounced = BOUNCE * np.einsum("xyl,lc->xyc", height2 / np.square(flat + height2), color)
-    bounced += ambient * floor_light
-    return LightField(
-        origin, _members(flat, color), bounced.astype(np.float32), position, color, floor_light
-    )
+    rows = np.array([(a.x, a.y, a.z, a.intensity, k) for k, a in enumerate(lamps)], np.float32).reshape(-1, 5)
+    tint = np.array([a.tint for a in lamps] + [(1.0, 1.0, 1.0)], np.float32)
+    if rows[:, 3].sum() > 0:
+        tint[-1] = rows[:, 3] @ tint[:-1] / rows[:, 3].sum()
+    origin, centres = _cells(rows)
+    floor_light = _healthy_floor_light(rows)
+    height = float(rows[:, 2].mean()) if len(lamps) else 3.0
+    offset = rows[:, :3] - np.concatenate([centres, np.full((*centres.shape[:2], 1), SMOOTH_AT_M)], -1)[:, :, None]
+    smooth = np.concatenate([_bounced(offset, rows) + ambient * floor_light, _far_light(offset, rows)], -1)
+    return LightField(origin, _near_lamps(offset, rows), smooth.astype(np.float32), tint, height, floor_light)
 
 
-def _cells(position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _cells(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Corner (2,) of the grid and centres (nx, ny, 2) of its cells, 8 m beyond the outermost lamps."""
-    low, high = (position[:, :2].min(0), position[:, :2].max(0)) if len(position) else (np.zeros(2), np.zeros(2))
+    low, high = (rows[:, :2].min(0), rows[:, :2].max(0)) if len(rows) else (np.zeros(2), np.zeros(2))
     origin = np.floor(low - 8.0)
     counts = np.ceil((high + 8.0 - origin) / CELL_M).astype(int)
     x, y = (origin[i] + (np.arange(counts[i]) + 0.5) * CELL_M for i in (0, 1))
     return origin.astype(np.float32), np.stack(np.meshgrid(x, y, indexing="ij"), -1)
 
 
-def _members(flat: np.ndarray, color: np.ndarray) -> np.ndarray:
-    """The lit lamps within reach of each cell, strongest on the floor first."""
-    strength = np.where(flat < (LAMP_REACH_M + CELL_M) ** 2, color.sum(1) / (flat + 9.0), 0.0)
+def _near_lamps(offset: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """(nx, ny, LAMPS_PER_CELL, 5) the lit lamps within reach of any point of each cell."""
+    flat2 = np.square(offset[..., :2]).sum(-1)
+    strength = np.where(flat2 < (NEAR_M + CELL_M * 0.71) ** 2, rows[:, 3] / (flat2 + 9.0), 0.0)
     order = np.argsort(-strength, axis=-1, kind="stable")[..., :LAMPS_PER_CELL]
-    members = np.full((*flat.shape[:2], LAMPS_PER_CELL), -1, np.int16)
+    near = np.zeros((*flat2.shape[:2], LAMPS_PER_CELL, 5), np.float32)
     lit = np.take_along_axis(strength, order, -1) > 0
-    members[..., : order.shape[-1]] = np.where(lit, order, -1)
-    return members
+    near[:, :, : order.shape[-1]] = rows[order] * lit[..., None]
+    return near
 
 
-def _healthy_floor_light(position: np.ndarray) -> float:
+def _bounced(offset: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """(nx, ny, 1) light that comes back from the surfaces around."""
+    height2 = np.square(rows[:, 2])
+    flat2 = np.square(offset[..., :2]).sum(-1)
+    return BOUNCE * (height2 / np.square(flat2 + height2) @ rows[:, 3:4])
+
+
+def _far_light(offset: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """(nx, ny, 3) sum over far lamps of direction times the irradiance of a surface that faces the lamp."""
+    d2 = np.square(offset).sum(-1)
+    far = 1 - nearness(np.square(offset[..., :2]).sum(-1))
+    weight = far * rows[:, 3] * np.maximum(offset[..., 2], 0) / np.square(d2)
+    return np.einsum("xyl,xylc->xyc", weight, offset)
+
+
+def nearness(flat2: np.ndarray) -> np.ndarray:
+    """Share of a lamp's light that is followed ray by ray, by its squared horizontal distance (m^2)."""
+    return np.square(np.maximum(1 - np.square(flat2 / NEAR_M**2), 0))
+
+
+def _healthy_floor_light(rows: np.ndarray) -> float:
     """Mean irradiance of the floor below each lamp, were all lamps at intensity 1."""
-    if not len(position):
+    if not len(rows):
         return 1.0
-    flat = np.square(position[:, None, :2] - position[None, :, :2]).sum(-1)
-    z = position[None, :, 2]
-    return float((z**2 / np.square(flat + z**2)).sum(1).mean())
+    flat2 = np.square(rows[:, None, :2] - rows[None, :, :2]).sum(-1)
+    z2 = np.square(rows[None, :, 2])
+    return float((z2 / np.square(flat2 + z2)).sum(1).mean())

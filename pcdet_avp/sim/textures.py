@@ -9,17 +9,24 @@ import numpy as np
 
 from pcdet_avp.sim.garage import LANE_WIDTH_M
 
-TILE = 512  # texels, a power of two
+TILE = 256  # texels, a power of two
+WRAP = TILE - 1
+STEPS = 40  # of a unit deviation
 F = np.float32
+ONE, HALF, UNIT = F(1.0), F(0.5), F(1.0 / STEPS)
 LANE = F(LANE_WIDTH_M)
 TRACK_OFFSET_M = F(0.78)  # tyres run this far from a lane's centre
+GRAIN_PER_M, BLOTCH_PER_M, STAIN_PER_M = F(150.0), F(23.0), F(41.0)  # texels
 
 
 @lru_cache(maxsize=1)
 def noise_tiles() -> np.ndarray:
-    """(2, TILE, TILE) float32 tileable noise of unit deviation: fine grain (1/f) and blotches (steeper)."""
+    """(2, TILE, TILE) int8 tileable noise, 1/STEPS of its deviation: fine grain (1/f) and blotches (steeper).
+
+    Small enough to stay in the processor's cache.
+    """
     rng = np.random.default_rng(7)
-    return np.stack([_tile(rng, 0.8), _tile(rng, 1.7)]).astype(np.float32)
+    return np.rint(np.stack([_tile(rng, 0.8), _tile(rng, 1.7)]) * STEPS).astype(np.int8)
 
 
 def _tile(rng: np.random.Generator, power: float) -> np.ndarray:
@@ -30,35 +37,42 @@ def _tile(rng: np.random.Generator, power: float) -> np.ndarray:
     return np.clip((tile - tile.mean()) / tile.std(), -3, 3)
 
 
-@numba.njit(inline="always")
-def sample(tile, a, b):
-    """Bilinear look-up at a, b in texels, wrapped."""
+@numba.njit(fastmath=True)
+def nearest(tiles, which, a, b):
+    """The tile's value at a, b in texels, wrapped."""
+    return F(tiles[which, int(np.floor(a)) & WRAP, int(np.floor(b)) & WRAP]) * UNIT
+
+
+@numba.njit(fastmath=True)
+def smooth(tiles, which, a, b):
+    """The same, bilinear."""
     fa, fb = np.floor(a), np.floor(b)
     i, j = int(fa), int(fb)
     s, t = a - fa, b - fb
-    i0, j0, i1, j1 = i & 511, j & 511, (i + 1) & 511, (j + 1) & 511
-    low = tile[i0, j0] + t * (tile[i0, j1] - tile[i0, j0])
-    high = tile[i1, j0] + t * (tile[i1, j1] - tile[i1, j0])
-    return low + s * (high - low)
+    i0, j0, i1, j1 = i & WRAP, j & WRAP, (i + 1) & WRAP, (j + 1) & WRAP
+    low = F(tiles[which, i0, j0]) * (ONE - t) + F(tiles[which, i0, j1]) * t
+    high = F(tiles[which, i1, j0]) * (ONE - t) + F(tiles[which, i1, j1]) * t
+    return (low + s * (high - low)) * UNIT
 
 
-@numba.njit(inline="always")
+@numba.njit(fastmath=True)
 def concrete(tiles, a, b, sharpness):
     """Albedo factor at a, b metres on a concrete surface; ``sharpness`` fades the grain out with distance."""
-    grain = sample(tiles[0], a * F(170.0), b * F(170.0)) * sharpness
-    blotch = sample(tiles[1], a * F(23.0) + F(77.0), b * F(23.0))
-    return F(1.0) + F(0.07) * grain + F(0.09) * blotch
+    grain = nearest(tiles, 0, a * GRAIN_PER_M, b * GRAIN_PER_M) * sharpness
+    blotch = smooth(tiles, 1, a * BLOTCH_PER_M + F(77.0), b * BLOTCH_PER_M)
+    return ONE + F(0.07) * grain + F(0.09) * blotch
 
 
-@numba.njit(inline="always")
+@numba.njit(fastmath=True)
 def floor(tiles, x, y, sharpness):
     """Albedo factor of the floor: concrete, oil stains, tyre tracks along the straight road."""
     value = concrete(tiles, x, y, sharpness)
-    stain = sample(tiles[1], x * F(41.0), y * F(41.0) + F(200.0)) + F(0.4) * sample(tiles[0], x * F(60.0), y * F(60.0))
-    if stain > F(1.3):
-        value *= max(F(0.45), F(1.0) - F(0.5) * (stain - F(1.3)))
-    if abs(y) < LANE:
-        from_track = abs(abs(abs(y) - LANE * F(0.5)) - TRACK_OFFSET_M)
-        rub = max(F(0.0), F(1.0) - from_track * F(2.6))
-        value *= F(1.0) - F(0.22) * rub * rub * (F(1.0) + F(0.5) * sample(tiles[1], x * F(30.0), y * F(90.0)))
+    stain = nearest(tiles, 1, x * STAIN_PER_M, y * STAIN_PER_M + F(200.0))
+    if stain > F(0.9):
+        stain += F(0.4) * nearest(tiles, 0, x * F(60.0), y * F(60.0)) - F(1.3)
+        value *= min(ONE, max(F(0.45), ONE - HALF * stain))
+    across = abs(y)
+    if across < LANE:
+        rub = max(F(0.0), ONE - F(2.6) * abs(abs(across - LANE * HALF) - TRACK_OFFSET_M))
+        value *= ONE - F(0.25) * rub * rub
     return value
