@@ -10,6 +10,7 @@ import hashlib
 import io
 import os
 import pickle
+import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,16 @@ from torch import nn
 from pcdet_avp.errors import CheckpointError
 
 LATEST = "latest_model.pth"
-UNREADABLE = (RuntimeError, EOFError, pickle.UnpicklingError, KeyError, ValueError, AttributeError, TypeError)
+UNREADABLE = (
+    RuntimeError,
+    EOFError,
+    pickle.UnpicklingError,
+    KeyError,
+    ValueError,
+    zipfile.BadZipFile,
+    AttributeError,
+    TypeError,
+)
 
 
 def save(path: Path, content: Mapping[str, Any]) -> None:
@@ -46,6 +56,7 @@ def load(path: str | os.PathLike, device: torch.device | str = "cpu") -> dict[st
     except OSError as error:
         raise CheckpointError(f"{path}: cannot read this checkpoint ({error.strerror})") from error
     try:
+        _check_sums(file)
         content = torch.load(file, map_location=device, weights_only=True)
     except UNREADABLE as error:
         reason = str(error).strip().splitlines() or [type(error).__name__]
@@ -55,16 +66,23 @@ def load(path: str | os.PathLike, device: torch.device | str = "cpu") -> dict[st
     return content
 
 
+def _check_sums(file: io.BytesIO) -> None:
+    """torch writes a checksum with every tensor but does not look at it when it reads."""
+    if zipfile.is_zipfile(file):
+        with zipfile.ZipFile(file) as archive:
+            bad = archive.testzip()
+        if bad is not None:
+            raise ValueError(f"wrong checksum of {bad}")
+    file.seek(0)
+
+
 def load_model(model: nn.Module, content: Mapping[str, Any], path: str | os.PathLike) -> None:
     """Put the weights of a checkpoint into ``model``; a file of another network is named with what differs first."""
     theirs, ours = content["model_state"], model.state_dict()
     for key, value in ours.items():
-        if key not in theirs:
-            raise CheckpointError(
-                f"{path}: made with another configuration: it has no {key}, {tuple(value.shape)} here"
-            )
-        if theirs[key].shape != value.shape:
-            shapes = f"expected {tuple(value.shape)}, found {tuple(theirs[key].shape)}"
+        found = tuple(theirs[key].shape) if key in theirs else "nothing"
+        if found != tuple(value.shape):
+            shapes = f"expected {tuple(value.shape)}, found {found}"
             raise CheckpointError(f"{path}: made with another configuration: {key}: {shapes}")
     extra = next((key for key in theirs if key not in ours), None)
     if extra is not None:

@@ -52,6 +52,15 @@ def test_a_truncated_file_is_an_error_that_names_it(tmp_path, share):
         checkpoint.load(path)
 
 
+def test_a_flipped_bit_in_a_weight_is_found(tmp_path):
+    path = _save(tmp_path, "a.pth", 1, 100)
+    content = bytearray(path.read_bytes())
+    content[content.find(CONTENT["model_state"]["w"].numpy().tobytes()[4000:4100])] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(CheckpointError, match=r"a\.pth: truncated, damaged .*wrong checksum"):
+        checkpoint.load(path)
+
+
 def test_other_files_are_refused(tmp_path):
     (tmp_path / "text.pth").write_text("hello")
     torch.save([1, 2], tmp_path / "list.pth")
@@ -66,7 +75,7 @@ def test_code_in_a_checkpoint_is_not_run(tmp_path):
             return os.mkdir, (str(tmp_path / "run"),)
 
     torch.save({"model_state": Evil()}, tmp_path / "evil.pth")
-    (tmp_path / "evil2.pth").write_bytes(pickle.dumps({"model_state": Evil()}))
+    (tmp_path / "evil2.pth").write_bytes(pickle.dumps({"model_state": Evil()}, protocol=2))
     for name in ("evil", "evil2"):
         with pytest.raises(CheckpointError, match=name):
             checkpoint.load(tmp_path / f"{name}.pth")
