@@ -45,16 +45,16 @@ class BodyShape:
 
 BODY_SHAPES = {
     "hatchback": BodyShape(
-        0.225, 0.02, -0.36, -0.475, 0.46, 0.63, 0.64, 0.56, 0.20, 0.13, 0.23, 0.31, -0.37, (0.19, -0.06, -0.26)
+        0.225, 0.02, -0.36, -0.475, 0.54, 0.64, 0.65, 0.58, 0.20, 0.13, 0.23, 0.325, -0.37, (0.19, -0.06, -0.26)
     ),
     "sedan": BodyShape(
-        0.20, 0.015, -0.20, -0.365, 0.45, 0.63, 0.67, 0.62, 0.20, 0.15, 0.25, 0.325, -0.27, (0.17, -0.06, -0.24)
+        0.20, 0.015, -0.20, -0.365, 0.52, 0.63, 0.68, 0.64, 0.20, 0.15, 0.25, 0.335, -0.27, (0.17, -0.06, -0.24)
     ),
     "suv": BodyShape(
-        0.22, 0.055, -0.41, -0.485, 0.50, 0.61, 0.62, 0.57, 0.16, 0.08, 0.20, 0.37, -0.40, (0.19, -0.05, -0.25)
+        0.22, 0.055, -0.41, -0.485, 0.55, 0.62, 0.63, 0.58, 0.16, 0.08, 0.20, 0.375, -0.40, (0.19, -0.05, -0.25)
     ),
     "van": BodyShape(
-        0.36, 0.235, -0.485, -0.497, 0.38, 0.50, 0.50, 0.47, 0.15, 0.02, 0.11, 0.33, 0.03, (0.32, 0.10, -0.14)
+        0.36, 0.235, -0.485, -0.497, 0.42, 0.50, 0.50, 0.47, 0.15, 0.02, 0.11, 0.34, 0.03, (0.32, 0.10, -0.14)
     ),
 }
 
@@ -118,9 +118,9 @@ def body_mesh(spec: CarSpec) -> Mesh:
 
 def _lower_stations(profile: Profile) -> np.ndarray:
     reach, half = profile.radius + ARCH_GAP_M, profile.length / 2
-    arc = reach * np.array([-1.001, -0.999, -0.9, -0.55, 0.0, 0.55, 0.9, 0.999, 1.001])
+    arc = reach * np.array([-1.001, -0.999, -0.8, -0.35, 0.35, 0.8, 0.999, 1.001])
     ends = np.array([0.0, 0.03, 0.12, 0.32])
-    middle = [profile.tail_glass + 0.02, profile.cowl - 0.02, profile.cowl + 0.15, (profile.rear_axle + profile.cowl) / 2]
+    middle = [profile.tail_glass + 0.02, profile.cowl - 0.02, profile.cowl + 0.15]
     x = np.concatenate([ends - half, half - ends, profile.front_axle + arc, profile.rear_axle + arc, middle])
     return np.unique(np.clip(x, -half, half).round(4))
 
@@ -137,17 +137,17 @@ def _lower_body(spec: CarSpec, profile: Profile) -> Mesh:
 
 
 def _lower_sections(x: np.ndarray, profile: Profile) -> np.ndarray:
-    """(S, 10, 3) half sections."""
+    """(S, 9, 3) half sections."""
     w, top, lip = profile.half_width(x), profile.shoulder(x), profile.arch(x)
     end = np.exp(-(profile.length / 2 - np.abs(x)) / 0.03)  # 1 at the bumpers' outermost section
     w = w * (1 - 0.05 * end)
     lip = lip + 0.05 * end
     floor = np.minimum(profile.floor + 0.08 * end, lip)
     inner = w - 0.27
-    crown = 0.035 * np.clip((np.abs(x) - 0.0) / profile.length * 2, 0.3, 1.0) * (1 - 0.5 * end)
-    y = [0 * x, inner, inner, 0.975 * w, 0.998 * w, w, 0.965 * w, 0.90 * w, 0.5 * w, 0 * x]
+    crown = 0.035 * (1 - 0.5 * end)
+    y = [0 * x, inner, 0.975 * w, 0.998 * w, w, 0.965 * w, 0.90 * w, 0.5 * w, 0 * x]
     rise = top - lip
-    z = [floor, floor, lip, lip, lip + 0.3 * rise, lip + 0.68 * rise, top - 0.05, top, top + crown, top + 1.3 * crown]
+    z = [floor, lip, lip, lip + 0.3 * rise, lip + 0.68 * rise, top - 0.05, top, top + crown, top + 1.3 * crown]
     return np.stack([np.stack([x, a, b], -1) for a, b in zip(y, z, strict=True)], axis=1)
 
 
@@ -159,14 +159,13 @@ def _lower_paint(spec: CarSpec, profile: Profile, x: np.ndarray, rows: int) -> t
     colors = np.empty((len(middle), quads, 3), np.float32)
     colors[:] = spec.color
     materials = np.full((len(middle), quads), Material.PAINT, np.uint8)
-    colors[:, row <= 2], materials[:, row <= 2] = DARK, Material.RUBBER
+    colors[:, row <= 1], materials[:, row <= 1] = DARK, Material.RUBBER
     if spec.body in ("suv", "van"):
-        low = np.abs(middle) < profile.length / 2 - 0.05
-        colors[np.ix_(low, row == 3)] = np.array(DARK) if spec.body == "suv" else np.array(spec.color) * 0.6
+        colors[:, row == 2] = np.array(DARK) if spec.body == "suv" else np.array(spec.color) * 0.6
     front, rear = middle > profile.length / 2 - 0.32, middle < -profile.length / 2 + 0.12
     for where, rows_lit, color, material in (
-        (front, (5,), (0.55, 0.56, 0.58), Material.HEAD_LAMP),
-        (rear, (4, 5), (0.30, 0.01, 0.01), Material.TAIL_LAMP),
+        (front, (4,), (0.55, 0.56, 0.58), Material.HEAD_LAMP),
+        (rear, (3, 4), (0.30, 0.01, 0.01), Material.TAIL_LAMP),
     ):
         index = np.ix_(where, np.isin(row, rows_lit))
         colors[index], materials[index] = color, material
@@ -187,12 +186,12 @@ def _cap_paint(spec: CarSpec, rows: int, front: bool) -> tuple[np.ndarray, np.nd
     colors = np.empty((rows, 3, 3), np.float32)
     colors[:] = spec.color
     materials = np.full((rows, 3), Material.PAINT, np.uint8)
-    colors[:3], materials[:3] = DARK, Material.RUBBER
+    colors[:2], materials[:2] = DARK, Material.RUBBER
     if front:
-        colors[4, 1], materials[4, 1] = DARK, Material.RUBBER
-        colors[4, [0, 2]], materials[4, [0, 2]] = (0.55, 0.56, 0.58), Material.HEAD_LAMP
+        colors[3, 1], materials[3, 1] = DARK, Material.RUBBER
+        colors[3, [0, 2]], materials[3, [0, 2]] = (0.55, 0.56, 0.58), Material.HEAD_LAMP
     else:
-        colors[3:5, [0, 2]], materials[3:5, [0, 2]] = (0.30, 0.01, 0.01), Material.TAIL_LAMP
+        colors[2:4, [0, 2]], materials[2:4, [0, 2]] = (0.30, 0.01, 0.01), Material.TAIL_LAMP
     return np.repeat(colors.reshape(-1, 3), 2, axis=0), np.repeat(materials.ravel(), 2)
 
 
@@ -211,7 +210,7 @@ def _greenhouse_stations(profile: Profile) -> np.ndarray:
     pillar = profile.shape.side_gap_x[1] * profile.length
     end = profile.shape.glazed_to_x * profile.length
     x = [rear, rear * 0.9 + top * 0.1, rear * 0.2 + top * 0.8, top, (top + front) / 2, pillar - 0.05, pillar + 0.05, end]
-    x += [front, front * 0.85 + cowl * 0.15, front * 0.3 + cowl * 0.7, front * 0.08 + cowl * 0.92, cowl]
+    x += [rear + 0.85, front - 0.15, front, front * 0.85 + cowl * 0.15, front * 0.3 + cowl * 0.7, front * 0.08 + cowl * 0.92, cowl]
     return np.unique(np.array(x).round(4))
 
 

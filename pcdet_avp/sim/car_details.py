@@ -13,7 +13,7 @@ from pcdet_avp.sim.mesh import Material, Mesh, box_mesh
 if TYPE_CHECKING:
     from pcdet_avp.sim.cars import CarSpec
 
-WHEEL_SIDES = 14
+WHEEL_SIDES = 12
 TYRE_WIDTH_M = 0.21
 TYRE = (0.018, 0.018, 0.019)
 RIM, RIM_GAP = (0.42, 0.43, 0.44), (0.03, 0.03, 0.03)
@@ -32,18 +32,18 @@ def detail_meshes(spec: CarSpec) -> list[Mesh]:
 def _wheel(profile: Profile, axle_x: float, side: int) -> Mesh:
     """Tyre with a rounded shoulder, a dished rim with spokes; the outer face looks to ``side``."""
     angle = 2 * np.pi * (np.arange(WHEEL_SIDES) + 0.5) / WHEEL_SIDES
-    radii = profile.radius * np.array([0.9, 1.0, 1.0, 0.92, 0.68, 0.62, 0.0])
+    radii = profile.radius * np.array([0.9, 1.0, 0.95, 0.70, 0.64, 0.0])
     outer = profile.half * 0.985
-    y = outer - np.array([TYRE_WIDTH_M, TYRE_WIDTH_M - 0.02, 0.03, 0.0, 0.004, 0.03, 0.02])
+    y = outer - np.array([TYRE_WIDTH_M, 0.03, 0.0, 0.004, 0.03, 0.015])
     rings = [np.stack([axle_x + r * np.cos(angle), 0 * angle + side * v, profile.radius + r * np.sin(angle)], -1)
              for r, v in zip(radii, y, strict=True)]
     faces = grid_faces(len(rings), WHEEL_SIDES, closed=True)
     faces = faces if side < 0 else faces[:, ::-1]
     colors = np.empty((len(rings) - 1, WHEEL_SIDES, 3), np.float32)
-    colors[:], colors[4] = TYRE, RIM
-    colors[5] = np.where((np.arange(WHEEL_SIDES) % 2 == 0)[:, None], np.array(RIM), np.array(RIM_GAP))
+    colors[:], colors[3] = TYRE, RIM
+    colors[4] = np.where((np.arange(WHEEL_SIDES) % 2 == 0)[:, None], np.array(RIM), np.array(RIM_GAP))
     materials = np.full((len(rings) - 1, WHEEL_SIDES), Material.RUBBER, np.uint8)
-    materials[4:] = Material.METAL
+    materials[3:] = Material.METAL
     return painted(np.concatenate(rings), faces, np.repeat(colors.reshape(-1, 3), 2, 0), np.repeat(materials.ravel(), 2))
 
 
@@ -66,7 +66,7 @@ def _plate(profile: Profile, end: int) -> Mesh:
 def _shut_line(profile: Profile, x: float, side: int) -> Mesh:
     """A dark line 12 mm wide from the sill to the belt, a hair outside the body's side."""
     at = np.array([x])
-    w = float(profile.half_width(at)[0]) + 0.003
+    w = float(profile.half_width(at)[0]) + 0.008
     lip, top = float(profile.arch(at)[0]), float(profile.shoulder(at)[0])
     rise = top - lip
     z = np.array([lip + 0.02, lip + 0.3 * rise, lip + 0.68 * rise, top - 0.05])

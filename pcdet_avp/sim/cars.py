@@ -26,7 +26,7 @@ SIZES_M = {
 BODY_SHARES = {"hatchback": 0.3, "sedan": 0.3, "suv": 0.25, "van": 0.15}
 # Linear RGB albedo of paints and how often they are met.
 PAINTS = (
-    ((0.72, 0.72, 0.70), 0.22),
+    ((0.60, 0.60, 0.585), 0.22),
     ((0.42, 0.43, 0.45), 0.18),
     ((0.13, 0.14, 0.15), 0.18),
     ((0.015, 0.015, 0.018), 0.16),

@@ -68,7 +68,7 @@ def _joints(spec: PedestrianSpec) -> np.ndarray:
     top = (1 - HEAD[spec.kind]) * h - hip
     at = {"torso": (0, 0, hip), "head": (0, 0, top)}
     for side, y in (("left", 1), ("right", -1)):
-        at[f"{side}_upper_arm"] = (0, y * half, top - 0.055 * h)
+        at[f"{side}_upper_arm"] = (0, y * half, top - 0.075 * h)
         at[f"{side}_forearm"] = (0, 0, -0.17 * h)
         at[f"{side}_thigh"] = (0, y * 0.052 * h * spec.build, hip)
         at[f"{side}_shin"] = (0, 0, -(hip - 0.04 * h) / 2)
@@ -100,14 +100,14 @@ def _trunk(spec: PedestrianSpec) -> list[tuple[str, Mesh]]:
     h, b = spec.height, spec.build
     top = (1 - HEAD[spec.kind] - LEG[spec.kind]) * h
     half = SHOULDER_HALF[spec.kind] * h * b
-    hips = [(-0.055 * h, 0.03 * h, 0.055 * h, 0), (0.0, 0.062 * h * b, 0.094 * h * b, -0.005 * h),
-            (0.06 * h, 0.062 * h * b, 0.092 * h * b, 0)]  # fmt: skip
-    shirt = [(0.015 * h, 0.066 * h * b, 0.097 * h * b, 0), (0.10 * h, 0.060 * h * b, 0.083 * h * b, 0.004 * h),
+    hips = [(-0.055 * h, 0.03 * h, 0.055 * h, 0), (0.0, 0.060 * h * b, 0.092 * h * b, -0.004 * h),
+            (0.03 * h, 0.060 * h * b, 0.090 * h * b, 0)]  # fmt: skip
+    shirt = [(0.012 * h, 0.066 * h * b, 0.098 * h * b, -0.002 * h), (0.10 * h, 0.060 * h * b, 0.083 * h * b, 0.004 * h),
              (0.20 * h, 0.070 * h * b, 0.096 * h * b, 0.006 * h), (top - 0.085 * h, 0.064 * h * b, 0.97 * half, 0),
-             (top - 0.045 * h, 0.052 * h * b, 0.98 * half, -0.004 * h), (top - 0.022 * h, 0.038 * h, 0.62 * half, -0.004 * h),
+             (top - 0.052 * h, 0.052 * h * b, 0.96 * half, -0.004 * h), (top - 0.022 * h, 0.040 * h, 0.60 * half, -0.004 * h),
              (top, 0.030 * h, 0.033 * h, 0.0)]  # fmt: skip
     parts = [
-        ("torso", _loft(hips, 10, spec.bottom, Material.CLOTH)),
+        ("torso", _loft(hips, 12, spec.bottom, Material.CLOTH)),
         ("torso", _loft(shirt, 12, spec.top, Material.CLOTH)),
         ("head", _head(spec)),
         ("head", _hair(spec)),
@@ -145,7 +145,7 @@ def _limbs(spec: PedestrianSpec) -> list[tuple[str, Mesh]]:
     cloth = Material.CLOTH
     loose = 1.12 if spec.long_trousers else 0.9
     parts = {
-        "upper_arm": [_tube(-0.17 * h, 0.0, (0.026 * h * b, 0.030 * h * b, 0.036 * h * b), 8, spec.top, cloth)],
+        "upper_arm": [_tube(-0.17 * h, 0.0, (0.025 * h * b, 0.029 * h * b, 0.033 * h * b), 8, spec.top, cloth)],
         "forearm": [_tube(-0.135 * h, 0.0, (0.019 * h * b, 0.024 * h * b, 0.027 * h * b), 8, *sleeve), _hand(spec)],
         "thigh": [_tube(-leg, 0.0, (0.037 * h * b, 0.048 * h * b, 0.057 * h * b), 8, spec.bottom, cloth)],
         "shin": [_tube(-leg, 0.0, (0.025 * h * b * loose, 0.032 * h * b * loose, 0.037 * h * b), 8, *trouser)],
@@ -157,7 +157,7 @@ def _limbs(spec: PedestrianSpec) -> list[tuple[str, Mesh]]:
 def _tube(low: float, high: float, radii: tuple[float, float, float], sides: int, color, material) -> Mesh:
     """A limb with rounded ends: thin end, middle and thick end radius, from bottom to top."""
     thin, middle, thick = radii
-    levels = [(low - 0.5 * thin, 0.6 * thin), (low, thin), ((low + high) / 2, middle), (high, thick), (high + 0.5 * thick, 0.6 * thick)]
+    levels = [(low - 0.5 * thin, 0.6 * thin), (low, thin), ((low + high) / 2, middle), (high, thick), (high + 0.55 * thick, 0.75 * thick), (high + 0.9 * thick, 0.35 * thick)]
     return _loft([(z, r, r, 0.0) for z, r in levels], sides, color, material)
 
 

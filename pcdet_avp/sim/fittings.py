@@ -45,7 +45,7 @@ def _ducts(layout: GarageLayout, rng: np.random.Generator) -> list[Mesh]:
     pipes = []
     for k, color in enumerate((PIPE_RED, PIPE_GREY, PIPE_GREY)):
         y, radius = -side * (LANE_WIDTH_M + 2.4 + 0.35 * k), 0.05 + 0.02 * (k == 0)
-        pipes.append(prism((x0, y, z - 0.06 * z), (x1, y, z - 0.06 * z), radius, 6, color, Material.PAINT))
+        pipes.append(prism((x0, y, z - 0.06 * z), (x1, y, z - 0.06 * z), radius, 6, color, Material.CONCRETE))
     return [duct, *pipes]
 
 

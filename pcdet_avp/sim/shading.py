@@ -32,7 +32,7 @@ COAT_OF[[Material.PAINT, Material.GLASS, Material.FLOOR, Material.METAL]] = 0, 1
 COAT_OF[[Material.HEAD_LAMP, Material.TAIL_LAMP]] = 1
 COAT_F0 = np.array([0.045, 0.07, 0.007, 0.30], np.float32)
 COAT_GRAZING = np.array([0.95, 0.93, 0.35, 0.70], np.float32)
-COAT_BLUR = np.array([0.05, 0.02, 0.16, 0.12], np.float32)
+COAT_BLUR = np.array([0.08, 0.025, 0.16, 0.15], np.float32)
 
 
 @numba.njit(fastmath=True)

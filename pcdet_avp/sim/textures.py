@@ -16,7 +16,7 @@ F = np.float32
 ONE, HALF, UNIT = F(1.0), F(0.5), F(1.0 / STEPS)
 LANE = F(LANE_WIDTH_M)
 TRACK_OFFSET_M = F(0.78)  # tyres run this far from a lane's centre
-GRAIN_PER_M, BLOTCH_PER_M, STAIN_PER_M = F(150.0), F(23.0), F(41.0)  # texels
+GRAIN_PER_M, BLOTCH_PER_M, STAIN_PER_M = F(150.0), F(23.0), F(14.0)  # texels
 
 
 @lru_cache(maxsize=1)
@@ -67,10 +67,10 @@ def concrete(tiles, a, b, sharpness):
 def floor(tiles, x, y, sharpness):
     """Albedo factor of the floor: concrete, oil stains, tyre tracks along the straight road."""
     value = concrete(tiles, x, y, sharpness)
-    stain = nearest(tiles, 1, x * STAIN_PER_M, y * STAIN_PER_M + F(200.0))
-    if stain > F(0.9):
-        stain += F(0.4) * nearest(tiles, 0, x * F(60.0), y * F(60.0)) - F(1.3)
-        value *= min(ONE, max(F(0.45), ONE - HALF * stain))
+    stain = smooth(tiles, 1, x * STAIN_PER_M, y * STAIN_PER_M + F(200.0))
+    if stain > F(0.8):
+        stain = F(0.3) * (stain - F(0.8)) + F(0.08) * nearest(tiles, 0, x * F(60.0), y * F(60.0))
+        value *= min(ONE, max(F(0.55), ONE - stain))
     across = abs(y)
     if across < LANE:
         rub = max(F(0.0), ONE - F(2.6) * abs(abs(across - LANE * HALF) - TRACK_OFFSET_M))
