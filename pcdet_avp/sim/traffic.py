@@ -14,7 +14,7 @@ SLOT_CLEARANCE_M = 0.25  # parked cars keep this far from their slot's long side
 ROAD_MARGIN_M = 3.2  # a driven car's centre stays this far from the ends of the road
 LEFT_TURN_RADIUS_M = (5.0, 6.5)
 RIGHT_TURN_RADIUS_M = (2.6, 3.2)  # tighter, or the inner rear wheel meets the corner pillar
-MANOEUVRES = {"exit_left": 0.45, "exit_right": 0.1, "enter_right": 0.15, "enter_left": 0.1, "wait_to_exit": 0.2}
+MANOEUVRES = {"exit_left": 0.5, "exit_right": 0.12, "enter_right": 0.15, "enter_left": 0.13, "wait_to_exit": 0.1}
 
 
 def draw_parked(rng: np.random.Generator, layout: GarageLayout, occupancy: float) -> dict[Slot, Car]:

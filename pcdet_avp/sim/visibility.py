@@ -7,17 +7,13 @@ and a neighbour that touches the box do not decide.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from pcdet_avp.sim.raytracer import NO_FACE, RayTracer
+from pcdet_avp.sim.world import RoadUsers
 from pcdet_avp.structures.boxes import box_corners
 from pcdet_avp.structures.camera import PinholeCamera
 from pcdet_avp.structures.pose import Pose
-
-if TYPE_CHECKING:
-    from pcdet_avp.sim.world import RoadUsers
 
 ABOVE_FLOOR_M = 0.02
 TOWARDS_CENTRE_M = 0.01
