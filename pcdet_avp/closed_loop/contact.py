@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 
 from pcdet_avp.errors import GeometryError
@@ -31,27 +32,44 @@ def overlap_interval(a: np.ndarray, b: np.ndarray, velocity: np.ndarray) -> tupl
 
     a, b (T, 7), row by row; velocity (T, 2) per unit of time. Negative times lie in the past.
     """
+    return _overlap_intervals(_rows(a), _rows(b), np.ascontiguousarray(velocity, dtype=np.float64))
+
+
+def _rows(boxes: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(boxes, dtype=np.float64)
+
+
+@numba.njit(cache=True)
+def _overlap_intervals(a, b, velocity):
     enter, leave = np.full(len(a), -np.inf), np.full(len(a), np.inf)
-    for heading in (a[:, 6], a[:, 6] + np.pi / 2, b[:, 6], b[:, 6] + np.pi / 2):
-        axis = np.stack([np.cos(heading), np.sin(heading)], 1)
-        reach = _half_shadow(a, heading) + _half_shadow(b, heading)
-        first, last = _shadow_interval(((b - a)[:, :2] * axis).sum(1), (velocity * axis).sum(1), reach)
-        enter, leave = np.maximum(enter, first), np.minimum(leave, last)
-    never = enter > leave
-    return np.where(never, np.inf, enter), np.where(never, -np.inf, leave)
+    for i in range(len(a)):
+        for k in range(4):
+            heading = (a[i, 6] if k < 2 else b[i, 6]) + (k % 2) * np.pi / 2
+            axis_x, axis_y = np.cos(heading), np.sin(heading)
+            first, last = _shadow_interval(
+                (b[i, 0] - a[i, 0]) * axis_x + (b[i, 1] - a[i, 1]) * axis_y,
+                velocity[i, 0] * axis_x + velocity[i, 1] * axis_y,
+                _half_shadow(a[i], heading) + _half_shadow(b[i], heading),
+            )
+            enter[i], leave[i] = max(enter[i], first), min(leave[i], last)
+        if enter[i] > leave[i]:
+            enter[i], leave[i] = np.inf, -np.inf
+    return enter, leave
 
 
-def _half_shadow(boxes: np.ndarray, heading: np.ndarray) -> np.ndarray:
-    turn = boxes[:, 6] - heading
-    return (boxes[:, 3] * np.abs(np.cos(turn)) + boxes[:, 4] * np.abs(np.sin(turn))) / 2
+@numba.njit(cache=True)
+def _half_shadow(box, heading):
+    turn = box[6] - heading
+    return (box[3] * abs(np.cos(turn)) + box[4] * abs(np.sin(turn))) / 2
 
 
-def _shadow_interval(offset: np.ndarray, speed: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """When |offset + speed t| <= reach, for each row."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        times = np.stack([(-reach - offset) / speed, (reach - offset) / speed])
-    always = np.where(np.abs(offset) <= reach, np.inf, -np.inf)  # for those that do not move along this axis
-    return np.where(speed == 0, -always, times.min(0)), np.where(speed == 0, always, times.max(0))
+@numba.njit(cache=True)
+def _shadow_interval(offset, speed, reach):
+    """When |offset + speed t| <= reach."""
+    if speed == 0:
+        return (-np.inf, np.inf) if abs(offset) <= reach else (np.inf, -np.inf)
+    one, other = (-reach - offset) / speed, (reach - offset) / speed
+    return min(one, other), max(one, other)
 
 
 def touching(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -64,21 +82,30 @@ def separation(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
     Rectangles apart are nearest at a corner of one of them.
     """
-    apart = np.minimum(_corners_from(a, b), _corners_from(b, a))
+    apart = _nearest_corners(_rows(a), _rows(b))
     return np.where(touching(a, b), 0.0, apart)
 
 
-def _corners_from(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(T,) distance of the nearest corner of a from the rectangle b."""
-    offset, turn = (a - b)[:, :2], (a - b)[:, 6]
-    cos, sin = np.cos(b[:, 6]), np.sin(b[:, 6])
-    x, y = offset[:, 0] * cos + offset[:, 1] * sin, offset[:, 1] * cos - offset[:, 0] * sin
-    nearest = np.full(len(a), np.inf)
-    for along, across in ((1, 1), (-1, 1), (-1, -1), (1, -1)):
-        dx, dy = along * a[:, 3] / 2, across * a[:, 4] / 2
-        corner_x, corner_y = x + dx * np.cos(turn) - dy * np.sin(turn), y + dx * np.sin(turn) + dy * np.cos(turn)
-        out_x, out_y = np.abs(corner_x) - b[:, 3] / 2, np.abs(corner_y) - b[:, 4] / 2
-        nearest = np.minimum(nearest, np.hypot(np.maximum(out_x, 0), np.maximum(out_y, 0)))
+@numba.njit(cache=True)
+def _nearest_corners(a, b):
+    nearest = np.empty(len(a))
+    for i in range(len(a)):
+        nearest[i] = min(_nearest_corner(a[i], b[i]), _nearest_corner(b[i], a[i]))
+    return nearest
+
+
+@numba.njit(cache=True)
+def _nearest_corner(a, b):
+    """Distance of the nearest corner of a from the rectangle b."""
+    cos, sin, turn = np.cos(b[6]), np.sin(b[6]), a[6] - b[6]
+    x, y = (a[0] - b[0]) * cos + (a[1] - b[1]) * sin, (a[1] - b[1]) * cos - (a[0] - b[0]) * sin
+    nearest = np.inf
+    for k in range(4):
+        along, across = (a[3] if k % 2 else -a[3]) / 2, (a[4] if k < 2 else -a[4]) / 2
+        corner_x = x + along * np.cos(turn) - across * np.sin(turn)
+        corner_y = y + along * np.sin(turn) + across * np.cos(turn)
+        out_x, out_y = max(abs(corner_x) - b[3] / 2, 0.0), max(abs(corner_y) - b[4] / 2, 0.0)
+        nearest = min(nearest, np.hypot(out_x, out_y))
     return nearest
 
 
