@@ -23,6 +23,8 @@ BANDS = ((0.42, 0.28, 0.02), (0.03, 0.12, 0.32), (0.04, 0.24, 0.13), (0.40, 0.05
 YELLOW, BLACK = (0.62, 0.42, 0.02), (0.02, 0.02, 0.02)
 BAND_M = (0.95, 1.25)  # painted band of the walls
 STRIPES_M = (0.15, 1.15)  # hazard stripes of the pillars
+BEAM_WIDTH_M = 0.35
+LAMP_CLEARANCE_M = 1.1  # between the middles of a beam and a lamp
 PAINT_M = 0.004  # paint stands off the concrete, so that rays meet it first
 
 
@@ -93,9 +95,14 @@ def _stripes(size: float) -> Mesh:
 
 
 def _beams(layout: GarageLayout, color) -> list[Mesh]:
-    """Beams across the road at the pillars, shallow enough to leave the mast's sensors free."""
-    x0, y0, x1, y1 = outline(layout)
+    """Beams across the road near the pillars, clear of the lamps and too shallow to hide anything from the mast."""
+    _, y0, _, y1 = outline(layout)
     deep, z = 0.05 * layout.ceiling_m, layout.ceiling_m
-    places = sorted({round(p.x, 2) for p in layout.pillars if abs(p.x) > 2.0})
-    apart = [x for k, x in enumerate(places) if k == 0 or x - places[k - 1] > 3.0]
-    return [box_mesh((0.35, y1 - y0, deep), (x, (y0 + y1) / 2, z - deep / 2), color, Material.CONCRETE) for x in apart]
+    lamps = np.array([lamp.x for lamp in layout.lamps])
+    places: list[float] = []
+    for x in sorted({round(p.x, 2) for p in layout.pillars if abs(p.x) > 2.0}):
+        free = [x + d for d in (0.0, 0.7, -0.7, 1.4, -1.4) if not (np.abs(lamps - x - d) < LAMP_CLEARANCE_M).any()]
+        if free and (not places or free[0] - places[-1] > 3.0):
+            places.append(free[0])
+    size = (BEAM_WIDTH_M, y1 - y0, deep)
+    return [box_mesh(size, (x, (y0 + y1) / 2, z - deep / 2), color, Material.CONCRETE) for x in places]

@@ -20,7 +20,7 @@ CELL_M = 2.0
 LAMPS_PER_CELL = 8
 SMOOTH_AT_M = 1.0  # height at which the smooth part of the light is taken
 BOUNCE = 0.22  # share of a lamp's light that comes back from the surfaces around it
-KEY = 0.24  # signal of a mid-grey floor under healthy lamps at exposure 1
+KEY = 0.18  # signal of a mid-grey floor under healthy lamps at exposure 1
 HEADLAMP_HEIGHT_M = 0.66
 
 

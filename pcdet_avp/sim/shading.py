@@ -242,7 +242,7 @@ def shade(eye, first, columns, tables, light, beams, beam_power, tiles, kept, se
             ox, oy, oz = px + SHADOW_BIAS_M * nx, py + SHADOW_BIAS_M * ny, pz + SHADOW_BIAS_M * nz
             ray_origin[count, 0], ray_origin[count, 1], ray_origin[count, 2] = ox, oy, oz
             if j >= 0:
-                slide = (noise(first + i, k) - HALF) * F(1.8) * HALF_TUBE
+                slide = (noise(first + i, k) - HALF) * HALF_TUBE
                 ray_direction[count, 0] = lamps[ci, cj, j, 0] + slide - ox
                 ray_direction[count, 1] = lamps[ci, cj, j, 1] - oy
                 ray_direction[count, 2] = lamps[ci, cj, j, 2] - F(0.04) - oz
