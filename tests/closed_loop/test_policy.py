@@ -15,6 +15,7 @@ from pcdet_avp.closed_loop.policy import (
     walker_distances,
     walkers_target_speed,
 )
+from pcdet_avp.sim.dynamics import LongitudinalState, drive
 from pcdet_avp.structures.boxes import bev_corners, transform_boxes
 from pcdet_avp.structures.pose import Pose
 
@@ -91,6 +92,28 @@ class TestDistances:
         assert walkers_target_speed(NOBODY, 6.0) == 6.0
         near, far = (2.4 + 0.1875 + 7.5, 0.0), (2.4 + 0.1875 + 10.0, 0.0)
         assert walkers_target_speed(walkers(far, near), 6.0) == pytest.approx(3.0)
+
+
+def gap_left(cruising: float, from_bumper: bool = True) -> float:
+    """Metres between the bumper and a walker who stands in the lane, after 20 s of driving with a tick of delay."""
+    state, delayed = LongitudinalState(-40.0, cruising), cruising
+    for _ in range(400):
+        ahead = walkers((2.4 + 0.1875 - state.position, 0.0))
+        wanted = walkers_target_speed(ahead, cruising, from_bumper)
+        state, delayed = drive(state, delayed, 0.05).end, wanted
+    return -state.position
+
+
+class TestLawOnTheRoad:
+    def test_from_the_bumper_it_stops_in_time_up_to_11_mps_and_no_faster(self):
+        """12 m/s lies on the law's own cliff: braking from 12 m leaves nothing."""
+        gaps = [gap_left(v) for v in (3.0, 6.0, 8.0, 10.0, 11.0, 12.0)]
+        assert (np.diff(gaps) < 0).all()
+        assert gaps[-2] > 0.5
+        assert gaps[-1] < 0
+
+    def test_from_the_centre_it_runs_into_a_standing_walker_at_8_mps(self):
+        assert gap_left(8.0, from_bumper=False) < 0 < gap_left(5.0, from_bumper=False)
 
 
 # The junction of a garage: the side road joins at x = -12, the ego's lane is y = -1.7, its swath 1.9 m wide.
