@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -323,3 +324,34 @@ def test_a_frame_with_a_file_cut_by_a_power_failure_is_not_there(tmp_path, make_
     write_frame(tmp_path, make_frame())
     cut("infra_camera.png", 0)(frame_dir(tmp_path, ID))
     assert not has_frame(tmp_path, ID)
+
+
+ENDLESS = """
+from dataclasses import replace
+from pcdet_avp.datasets.avp.record import read_frame, write_frame
+frame = read_frame({root!r}, {id!r})
+number = 0
+while True:
+    write_frame({target!r}, replace(frame, frame_id=f"scene_0000/{{number % 20:06d}}"))
+    number += 1
+"""
+
+
+def test_after_kill_9_every_frame_that_is_there_is_whole(tmp_path, make_frame):
+    write_frame(tmp_path / "good", make_frame())
+    code = ENDLESS.format(root=str(tmp_path / "good"), target=str(tmp_path / "out"), id=ID)
+    writers = [subprocess.Popen([sys.executable, "-c", code]) for _ in range(2)]  # both write the same frames
+    scene = tmp_path / "out" / "scenes" / "scene_0000"
+    deadline = time.monotonic() + 60
+    while not (scene / "000019").exists() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert all(writer.poll() is None for writer in writers)
+    for writer in writers:
+        writer.kill()
+        writer.wait()
+    clean_leftovers(tmp_path / "out")
+    names = sorted(p.name for p in scene.iterdir())
+    assert len(names) >= 18  # each writer may have been caught between its two renames
+    for name in names:
+        read = read_frame(tmp_path / "out", f"scene_0000/{name}")
+        assert_same_view(read.ego, make_frame().ego)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 import uuid
 import zlib
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -40,7 +42,7 @@ def write_frame(root: str | Path, frame: Frame) -> int:
 
 def _write_folder(folder: Path, files: Files, content: dict) -> int:
     """All files into a folder beside the final one, then one rename."""
-    partial = folder.with_name(f".{folder.name}.{uuid.uuid4().hex}{PARTIAL_SUFFIX}")
+    partial = _beside(folder)
     try:
         partial.mkdir(parents=True)
         for name, data in files.items():
@@ -57,13 +59,22 @@ def _write_folder(folder: Path, files: Files, content: dict) -> int:
 
 def _move_into_place(partial: Path, folder: Path) -> None:
     """A rename cannot replace a folder that is not empty, so an older frame is first moved aside."""
-    if folder.exists():
-        old = partial.with_name(f".{folder.name}.{uuid.uuid4().hex}{PARTIAL_SUFFIX}")
-        os.rename(folder, old)
-        os.rename(partial, folder)
+    while True:
+        try:
+            os.rename(partial, folder)
+            return
+        except OSError as error:
+            if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
+                raise
+        old = _beside(folder)
+        with suppress(FileNotFoundError):
+            os.rename(folder, old)
         shutil.rmtree(old, ignore_errors=True)
-    else:
-        os.rename(partial, folder)
+
+
+def _beside(folder: Path) -> Path:
+    """A name in the same place that no other writer uses and no reader looks at."""
+    return folder.with_name(f".{folder.name}.{uuid.uuid4().hex}{PARTIAL_SUFFIX}")
 
 
 def _agent(view: AgentView, agent: str, files: Files) -> dict:
