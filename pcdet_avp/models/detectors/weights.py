@@ -29,7 +29,9 @@ def read_checkpoint(path: str | os.PathLike, device: torch.device | str = "cpu")
     return content
 
 
-def load_weights(model: nn.Module, state: Mapping[str, Tensor], path: str | os.PathLike, logger: logging.Logger) -> None:
+def load_weights(
+    model: nn.Module, state: Mapping[str, Tensor], path: str | os.PathLike, logger: logging.Logger
+) -> None:
     """Copy ``state`` into ``model`` and log what was not loaded.
 
     A tensor of another shape means another configuration and is a CheckpointError. Norm layers trained as another

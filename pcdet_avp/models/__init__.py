@@ -1,0 +1,12 @@
+"""The paper's cooperative detector, stage by stage (torch). Importing this package imports nothing else."""
+
+from typing import Any
+
+
+def build_network(model_cfg: Any, num_class: int, dataset: Any):
+    """The detector that ``MODEL.NAME`` names, as OpenPCDet's function of this name."""
+    from pcdet_avp.config import require
+    from pcdet_avp.models import detectors  # noqa: F401 (enters its classes into the registry)
+    from pcdet_avp.registry import DETECTORS
+
+    return DETECTORS[require(model_cfg, "NAME", str)](model_cfg=model_cfg, num_class=num_class, dataset=dataset)

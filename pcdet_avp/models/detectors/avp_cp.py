@@ -1,0 +1,137 @@
+"""The paper's network: encoders, the roadside's maps on the air, warp, fusion, backbone, head (figure 2)."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from pcdet_avp.errors import SensorError
+from pcdet_avp.models.detectors.build import build_modules
+from pcdet_avp.models.detectors.map_dropout import drop_roadside_maps
+from pcdet_avp.models.detectors.post_processing import PostProcessing
+from pcdet_avp.models.detectors.weights import load_weights, read_checkpoint
+from pcdet_avp.registry import DETECTORS
+from pcdet_avp.structures.sensor_set import SOURCES
+
+Link = Callable[[dict], dict]
+
+
+def received_as_sent(latents: dict) -> dict:
+    """The link of training: nothing is lost and nothing is late."""
+    return latents
+
+
+@DETECTORS.register("AvpCp")
+class AvpCp(nn.Module):
+    """Collaborative perception of a vehicle and a roadside mast, with OpenPCDet's interface.
+
+    encode -> compress -> link -> decompress -> warp -> fuse -> backbone -> head
+
+    One set of weights serves any non-empty subset of the four sources, sample by sample (``source_present``).
+    ``link`` maps the roadside's latents, by source, to what the vehicle received of them: whoever sends real bytes
+    puts the wire there.
+    """
+
+    def __init__(self, model_cfg: Any, num_class: int, dataset: Any) -> None:
+        super().__init__()
+        self.map_dropout = float(model_cfg.get("ROADSIDE_MAP_DROPOUT", 0.0))
+        for name, module in build_modules(model_cfg, num_class, dataset).items():
+            self.add_module(name, module)
+        self.post_processing = PostProcessing(model_cfg["POST_PROCESSING"], dataset.class_names)
+        self.register_buffer("global_step", torch.zeros(1, dtype=torch.int64))
+
+    def forward(self, batch_dict: dict, link: Link = received_as_sent) -> tuple:
+        """
+        Args: batch_dict: what the data set collates, as tensors (see ``datasets.avp.prepare``)
+        Returns:
+            training: ({"loss": scalar}, tb_dict of scalars, disp_dict)
+            evaluation: (pred_dicts, one per sample, recall_dict), see ``PostProcessing``
+        """
+        batch_dict = self.run_stages(batch_dict, link)
+        if not self.training:
+            return self.post_processing(batch_dict)
+        loss, tb_dict = self.get_loss(batch_dict)
+        return {"loss": loss}, tb_dict, {}
+
+    def run_stages(self, batch_dict: dict, link: Link = received_as_sent) -> dict:
+        """All stages in order; the batch with everything that they wrote."""
+        check_sources(batch_dict)
+        if self.training and self.map_dropout:
+            batch_dict = drop_roadside_maps(batch_dict, self.map_dropout, int(self.global_step))
+        batch_dict = self.encode(batch_dict)
+        batch_dict = self.codec.compress(batch_dict)
+        batch_dict = {**batch_dict, "latents": link(batch_dict["latents"])}
+        for stage in (self.codec.decompress, self.warp, self.fuser, self.backbone_2d, self.dense_head):
+            batch_dict = stage(batch_dict)
+        return batch_dict
+
+    def encode(self, batch_dict: dict, sources: tuple[str, ...] = SOURCES) -> dict:
+        """Maps of every source that any sample has; the encoders of the others do not run at all."""
+        batch_dict = {**batch_dict, "bev_maps": {}, "bev_valid": {}}
+        anywhere = batch_dict["source_present"].any(0).tolist()
+        for source in sources:
+            if anywhere[SOURCES.index(source)]:
+                batch_dict = self.encoder_of(source)(batch_dict, source)
+        return batch_dict
+
+    def encoder_of(self, source: str) -> nn.Module:
+        """The encoder of a source: its own, or the one that both agents share."""
+        return self.encoders[source if source in self.encoders else source.split("_")[1]]
+
+    def get_loss(self, batch_dict: dict) -> tuple[Tensor, dict]:
+        """The sum over all stages that have a loss, each with its own weights inside."""
+        total, tb_dict = 0.0, {}
+        for loss, terms in self._losses(batch_dict):
+            total, tb_dict = total + loss, tb_dict | terms
+        return total, tb_dict | {"loss": total.detach()}
+
+    def _losses(self, batch_dict: dict) -> Iterator[tuple[Tensor, dict]]:
+        for source in batch_dict["bev_maps"]:
+            encoder = self.encoder_of(source)
+            if hasattr(encoder, "get_loss"):
+                yield encoder.get_loss(batch_dict, source)
+        if hasattr(self.codec, "get_loss"):
+            yield self.codec.get_loss(batch_dict)
+        yield self.dense_head.get_loss(batch_dict)
+
+    def update_global_step(self) -> None:
+        """Count a training step, as the host's training loop does."""
+        self.global_step += 1
+
+    def load_params_from_file(
+        self, filename: str | os.PathLike, logger: logging.Logger, to_cpu: bool = False, pre_trained_path: Any = None
+    ) -> None:
+        """Load weights; first those of ``pre_trained_path``, if given. See ``load_weights`` for what is refused."""
+        for path in filter(None, (pre_trained_path, filename)):
+            load_weights(self, self._read(path, to_cpu)["model_state"], path, logger)
+
+    def load_params_with_optimizer(
+        self,
+        filename: str | os.PathLike,
+        to_cpu: bool = False,
+        optimizer: torch.optim.Optimizer | None = None,
+        logger: logging.Logger | None = None,
+    ) -> tuple[int, int]:
+        """Load weights and the optimiser's state; the iteration and epoch they were saved at."""
+        logger = logger or logging.getLogger(__name__)
+        content = self._read(filename, to_cpu)
+        load_weights(self, content["model_state"], filename, logger)
+        if optimizer is not None and content.get("optimizer_state") is not None:
+            optimizer.load_state_dict(content["optimizer_state"])
+        return int(content.get("it", 0)), int(content.get("epoch", -1))
+
+    def _read(self, path: str | os.PathLike, to_cpu: bool) -> dict:
+        return read_checkpoint(path, "cpu" if to_cpu else self.global_step.device)
+
+
+def check_sources(batch_dict: dict) -> None:
+    """Every sample needs at least one source."""
+    blind = (batch_dict["source_present"].sum(1) == 0).nonzero().flatten().tolist()
+    if blind:
+        frames = ", ".join(str(batch_dict["frame_id"][i]) for i in blind)
+        raise SensorError(f"no sensor at all in frame {frames}: expected at least one of {', '.join(SOURCES)}")
