@@ -9,6 +9,7 @@ from pcdet_avp.errors import GeometryError
 from pcdet_avp.structures.bev_grid import BevGrid
 
 PAPER = BevGrid.from_range([0, -30.08, -0.5, 44.8, 30.08, 3.5], [0.16, 0.16, 4.0])
+KITTI = BevGrid.from_range([0, -39.68, -3, 69.12, 39.68, 1], [0.16, 0.16, 4.0])  # 39.679996 rounds into row 496
 SMALL = BevGrid.from_range([0, -30.08, -0.5, 44.8, 30.08, 3.5], [0.32, 0.32, 4.0])
 
 
@@ -41,7 +42,7 @@ def test_range_is_half_open():
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-@pytest.mark.parametrize("grid", [PAPER, SMALL])
+@pytest.mark.parametrize("grid", [PAPER, SMALL, KITTI])
 def test_a_point_inside_has_a_cell_inside_even_one_float_from_the_edge(grid, dtype):
     def around(edge):
         return [np.nextafter(dtype(edge), dtype(edge) + dtype(s), dtype=dtype) for s in (-1, 0, 1)]
