@@ -1,0 +1,1 @@
+"""Stages that work on bird's-eye-view maps (B, C, H, W)."""

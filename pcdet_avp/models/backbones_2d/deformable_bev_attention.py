@@ -1,0 +1,148 @@
+"""Deformable self-attention on a bird's-eye-view map (Deformable DETR, Zhu et al. 2021, single scale).
+
+Every operation keeps an empty neighbourhood exactly zero, so that the map stays sparse for the compression: values,
+outputs and the feed-forward part have no bias, and the normalisation only scales. Queries may have biases, since
+they decide where to look and not what is seen.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from pcdet_avp.errors import ConfigError
+from pcdet_avp.models.norm import ScaleNorm
+from pcdet_avp.models.pixel_bags import (
+    add_table_gradient,
+    bag_sum,
+    bag_sum_with_weight_gradient,
+    corner_offsets,
+    full_precision,
+)
+
+
+class DeformableBevAttention(nn.Module):
+    """x + attention(norm(x)), then x + feed_forward(norm(x)); absent cells are not seen and stay zero.
+
+    Each of HEADS heads of a query cell reads its C / HEADS channels at POINTS places: the cell's own place plus a
+    learned offset in cells, which starts on a ring (head = direction, point = distance). The places are weighed by
+    a softmax. QUERY_STRIDE 2 asks once per 2 x 2 cells and gives all four the answer, at a quarter of the cost.
+    FFN_CHANNELS is the hidden width of the feed-forward part. Both residual branches start at zero.
+    """
+
+    def __init__(self, model_cfg: Any, channels: int) -> None:
+        super().__init__()
+        self.heads, self.points = int(model_cfg.get("HEADS", 4)), int(model_cfg.get("POINTS", 4))
+        self.stride = int(model_cfg.get("QUERY_STRIDE", 1))
+        if channels % self.heads:
+            raise ConfigError(f"ATTENTION.HEADS: {channels} channels do not divide by {self.heads} heads")
+        hidden = int(model_cfg.get("FFN_CHANNELS", channels))
+        self.norm, self.ffn_norm = ScaleNorm(channels), ScaleNorm(channels)
+        self.value = nn.Linear(channels, channels, bias=False)
+        self.offsets = nn.Linear(channels, self.heads * self.points * 2)
+        self.scores = nn.Linear(channels, self.heads * self.points)
+        self.output = nn.Linear(channels, channels, bias=False)
+        self.ffn_in = nn.Linear(channels, hidden, bias=False)
+        self.ffn_out = nn.Linear(hidden, channels, bias=False)
+        self._initialise()
+
+    def _initialise(self) -> None:
+        for layer in (self.offsets, self.scores, self.output, self.ffn_out):
+            nn.init.zeros_(layer.weight)
+        nn.init.zeros_(self.scores.bias)
+        with torch.no_grad():
+            self.offsets.bias.copy_(ring_offsets(self.heads, self.points).view(-1))
+
+    def forward(self, x: Tensor, present: Tensor) -> Tensor:
+        """x (B, C, H, W), present (B, 1, H, W) bool -> (B, C, H, W), zero where absent."""
+        if x.shape[2] % self.stride or x.shape[3] % self.stride:
+            raise ConfigError(f"ATTENTION.QUERY_STRIDE: {tuple(x.shape[2:])} cells do not divide by {self.stride}")
+        x = x * present
+        x = x + self._attend(self.norm(x, present)) * present
+        y = self.ffn_norm(x, present).permute(0, 2, 3, 1)
+        return x + self.ffn_out(F.relu(self.ffn_in(y))).permute(0, 3, 1, 2)
+
+    def _attend(self, x: Tensor) -> Tensor:
+        b, _, height, width = x.shape
+        values = self.value(x.permute(0, 2, 3, 1)).view(b, height, width, self.heads, -1)
+        query = (F.avg_pool2d(x, self.stride) if self.stride > 1 else x).permute(0, 2, 3, 1)
+        shape = (*query.shape[:3], self.heads, self.points)
+        places = self.offsets(query).view(*shape, 2) + self._centres(query)
+        seen = deformable_sum(values, places, self.scores(query).view(shape).softmax(-1))
+        answer = self.output(seen.to(x.dtype).flatten(3)).permute(0, 3, 1, 2)
+        return F.interpolate(answer, scale_factor=self.stride, mode="nearest") if self.stride > 1 else answer
+
+    def _centres(self, query: Tensor) -> Tensor:
+        """(h, w, 1, 1, 2) column and row of the queries' places, in cells; a cell's centre is a whole number."""
+        _, h, w, _ = query.shape
+        rows, cols = (torch.arange(n, device=query.device) * self.stride + (self.stride - 1) / 2 for n in (h, w))
+        grid = torch.stack(torch.broadcast_tensors(cols, rows[:, None]), -1)
+        return grid[:, :, None, None]
+
+
+def ring_offsets(heads: int, points: int) -> Tensor:
+    """(heads, points, 2) cells along x and y: point k of head m lies k + 1 cells away, in the head's direction."""
+    angle = torch.arange(heads) * (2 * math.pi / heads)
+    direction = torch.stack([angle.cos(), angle.sin()], -1)
+    direction = direction / direction.abs().amax(-1, keepdim=True)
+    return direction[:, None] * torch.arange(1, points + 1)[None, :, None]
+
+
+def deformable_sum(values: Tensor, places: Tensor, scores: Tensor) -> Tensor:
+    """Weighted sums of bilinear samples, zero outside the map.
+
+    values (B, H, W, M, d), places (B, h, w, M, K, 2) column and row in cells, scores (B, h, w, M, K)
+    -> (B, h, w, M, d), at least in float32, whatever precision is automatic around it.
+    """
+    b, height, width, heads, d = values.shape
+    with torch.autocast(values.device.type, enabled=False):
+        values, places, scores = (full_precision(t) for t in (values, places, scores))
+        table = F.pad(values, (0, 0, 0, 0, 1, 1, 1, 1)).view(-1, d)
+        limit = places.new_tensor([width, height])
+        places = torch.minimum(places.clamp_min(-1), limit) + 1  # in the padded map
+        start = torch.arange(b, device=places.device)[:, None] * (height + 2) * (width + 2) * heads
+        start = (start + torch.arange(heads, device=places.device)).view(b, 1, 1, heads, 1)
+        sums = _DeformableSum.apply(table, places, scores, start, (height + 2, width + 2))
+    return sums.view(*scores.shape[:4], d)
+
+
+class _DeformableSum(torch.autograd.Function):
+    """table (B * H * W * M, d) of the padded map; start (B, 1, 1, M, 1) row of each map's and head's first cell."""
+
+    @staticmethod
+    def forward(ctx, table, places, scores, start, size):
+        heads = places.shape[3]
+        lower = places.floor()
+        lower[..., 0].clamp_(max=size[1] - 2)
+        lower[..., 1].clamp_(max=size[0] - 2)
+        u, v = (places - lower).unbind(-1)
+        col, row = lower.to(torch.int32).unbind(-1)
+        first = ((row * size[1] + col) * heads + start.to(torch.int32)).view(-1, places.shape[4])
+        corners = corner_offsets(size[1], heads, first)
+        ctx.save_for_backward(table, scores, u, v, first, corners)
+        return bag_sum(table, first, _bilinear(u, v, scores), corners)
+
+    @staticmethod
+    def backward(ctx, grad):
+        table, scores, u, v, first, corners = ctx.saved_tensors
+        weights = _bilinear(u, v, scores)
+        _, d_weights = bag_sum_with_weight_gradient(table, first, weights, corners, grad)
+        d_table = torch.zeros_like(table)
+        add_table_gradient(d_table, first, weights, corners, grad)
+        a, b, c, d = d_weights.view(*scores.shape, 4).unbind(-1)
+        above, below = a + u * (b - a), c + u * (d - c)
+        d_u = scores * ((b - a) + v * (d - c - b + a))
+        d_places = torch.stack([d_u, scores * (below - above)], -1)
+        return d_table, d_places, above + v * (below - above), None, None
+
+
+def _bilinear(u: Tensor, v: Tensor, scores: Tensor) -> Tensor:
+    """(bags, K, 4) score times the weights of the upper left, upper right, lower left and lower right cell."""
+    below = v * scores
+    above = scores - below
+    weights = torch.stack([above - u * above, u * above, below - u * below, u * below], -1)
+    return weights.view(-1, *weights.shape[-2:])

@@ -1,0 +1,111 @@
+"""Frustum features of the voxels over each column, collapsed to one vector, without the frustum and the voxel volume.
+
+CaDDN (section 3.2) forms the outer product of features and depth probabilities, an image-sized volume of C x D
+channels, samples it trilinearly at every voxel, stacks the heights of a column and applies a 1 x 1 convolution.
+A trilinear sample of an outer product is a weighted sum of the four neighbouring pixels' features; pixel p weighs
+(its bilinear weight) x (its own probability, interpolated between the two neighbouring bins). So only c x Z x 4
+weights are needed. Columns go through in chunks, which bounds the memory; the backward pass computes each chunk again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import torch
+from torch import Tensor
+
+from pcdet_avp.models.backbones_2d.map_to_bev.camera_rays import CameraRays
+from pcdet_avp.models.pixel_bags import add_table_gradient, bag_sum, bag_sum_with_weight_gradient, corner_offsets
+
+SAMPLINGS = ("trilinear", "factorised")
+CHUNK_VOXELS = 1 << 16  # at a time: 16 MiB per tensor at 64 channels
+
+
+def frustum_collapse(
+    features: Tensor, probabilities: Tensor, weight: Tensor, rays: CameraRays, sampling: str = "trilinear"
+) -> Tensor:
+    """features (pixels, C) and probabilities (pixels, D + 2) of the padded image, weight (C_out, C, Z) -> (c, C_out).
+
+    ``factorised`` multiplies the interpolated feature by the interpolated probability, which lets features of one
+    side of an edge appear at the other side's depth; it is there to be compared with.
+    """
+    return _FrustumCollapse.apply(features, probabilities, weight, rays, sampling)
+
+
+class _FrustumCollapse(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx, features, probabilities, weight, rays, sampling):
+        ctx.save_for_backward(features, probabilities, weight)
+        ctx.rays, ctx.sampling = rays, sampling
+        matrix = _as_matrix(weight)
+        collapsed = features.new_empty(len(rays.columns), len(weight))
+        for part in _chunks(rays):
+            chunk = _Chunk(rays, part, sampling, probabilities.shape[1])
+            samples = bag_sum(features, chunk.first, chunk.weigh(probabilities), chunk.corners)
+            torch.mm(samples.view(-1, len(matrix)), matrix, out=collapsed[part])
+        return collapsed
+
+    @staticmethod
+    def backward(ctx, grad):
+        features, probabilities, weight = ctx.saved_tensors
+        matrix = _as_matrix(weight)
+        d_features, d_probabilities = torch.zeros_like(features), torch.zeros_like(probabilities)
+        d_matrix = torch.zeros_like(matrix)
+        for part in _chunks(ctx.rays):
+            chunk = _Chunk(ctx.rays, part, ctx.sampling, probabilities.shape[1])
+            where = chunk.first, chunk.weigh(probabilities), chunk.corners
+            d_samples = (grad[part] @ matrix.T).view(-1, features.shape[1])
+            samples, d_weights = bag_sum_with_weight_gradient(features, *where, d_samples)
+            d_matrix.addmm_(samples.view(-1, len(matrix)).T, grad[part])
+            add_table_gradient(d_features, *where, d_samples)
+            chunk.add_probability_gradient(d_probabilities, d_weights)
+        return d_features, d_probabilities, _as_weight(d_matrix, weight), None, None
+
+
+class _Chunk:
+    """Some columns' voxels, flattened: n of them, each with four pixels."""
+
+    def __init__(self, rays: CameraRays, part: slice, sampling: str, slots: int) -> None:
+        """``slots`` is the width D + 2 of the padded distributions."""
+        self.sampling = sampling
+        self.first = rays.pixels[part].reshape(-1, 1)
+        self.corners = corner_offsets(rays.image_size[1], 1, self.first)
+        self.bilinear = rays.weights[part].reshape(-1, 1, 4)
+        self.bin_shift = rays.bin_shift[part].reshape(-1, 1, 1)
+        self.slots = ((self.first + self.corners) * slots + rays.bins[part].reshape(-1, 1)).view(-1)
+
+    def weigh(self, probabilities: Tensor) -> Tensor:
+        """(n, 1, 4) what each pixel's features count."""
+        flat = probabilities.view(-1)
+        lower = flat.index_select(0, self.slots).view_as(self.bilinear)
+        upper = flat[1:].index_select(0, self.slots).view_as(self.bilinear)
+        at_depth = torch.lerp(lower, upper, self.bin_shift)
+        if self.sampling == "factorised":
+            at_depth = (self.bilinear * at_depth).sum(-1, keepdim=True)
+        return self.bilinear * at_depth
+
+    def add_probability_gradient(self, d_probabilities: Tensor, d_weights: Tensor) -> None:
+        """Add to d_probabilities (pixels, D + 2) in place, for the gradient (n, 1, 4) of the weights."""
+        if self.sampling == "factorised":
+            d_weights = (d_weights * self.bilinear).sum(-1, keepdim=True)
+        d_depth = self.bilinear * d_weights
+        d_upper = d_depth * self.bin_shift
+        flat, slots = d_probabilities.view(-1), self.slots.long()
+        flat.scatter_add_(0, slots, (d_depth - d_upper).view(-1))
+        flat[1:].scatter_add_(0, slots, d_upper.view(-1))
+
+
+def _chunks(rays: CameraRays) -> Iterator[slice]:
+    columns, heights = rays.pixels.shape
+    step = max(1, CHUNK_VOXELS // heights)
+    return (slice(start, min(start + step, columns)) for start in range(0, columns, step))
+
+
+def _as_matrix(weight: Tensor) -> Tensor:
+    """(C_out, C, Z) -> (Z * C, C_out): one row per channel of a column's stacked heights."""
+    return weight.permute(2, 1, 0).reshape(-1, len(weight))
+
+
+def _as_weight(matrix: Tensor, like: Tensor) -> Tensor:
+    outputs, channels, heights = like.shape
+    return matrix.view(heights, channels, outputs).permute(2, 1, 0)

@@ -1,0 +1,95 @@
+"""Residual networks (He et al. 2016) whose state dicts have torchvision's names, so that its weights load."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from pcdet_avp.errors import ConfigError
+from pcdet_avp.models.norm import make_norm
+
+# Blocks per stage and kind of block, by the depth of the published networks.
+DEPTHS = {18: ((2, 2, 2, 2), "basic"), 34: ((3, 4, 6, 3), "basic"), 50: ((3, 4, 6, 3), "bottleneck")}
+IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
+
+
+class ResNet(nn.Module):
+    """Images (B, 3, h, w) -> feature maps of its stages, at strides 4, 8, 16, 32 (sizes rounded up)."""
+
+    def __init__(self, blocks: Sequence[int], widths: Sequence[int], block: str, norm: str, stem: int = 64) -> None:
+        super().__init__()
+        if block not in BLOCKS or len(blocks) != len(widths) or not 1 <= len(blocks) <= 4:
+            raise ConfigError(
+                f"ResNet: expected block in {sorted(BLOCKS)} and 1 to 4 stages with as many widths as block counts, "
+                f"found {block!r}, {list(blocks)}, {list(widths)}"
+            )
+        self.conv1 = nn.Conv2d(3, stem, 7, stride=2, padding=3, bias=False)
+        self.bn1 = make_norm(norm, stem)
+        channels = [stem, *(width * BLOCKS[block].expansion for width in widths)]
+        self.num_stages, self.out_channels = len(blocks), channels[1:]
+        for i, (count, width) in enumerate(zip(blocks, widths, strict=True)):
+            strides = [1 if i == 0 else 2] + [1] * (count - 1)
+            inputs = [channels[i]] + [channels[i + 1]] * (count - 1)
+            stage = [BLOCKS[block](n, width, stride, norm) for n, stride in zip(inputs, strides, strict=True)]
+            self.add_module(f"layer{i + 1}", nn.Sequential(*stage))
+
+    def forward(self, images: Tensor) -> list[Tensor]:
+        x = F.max_pool2d(F.relu(self.bn1(self.conv1(images))), 3, stride=2, padding=1)
+        stages = []
+        for i in range(self.num_stages):
+            x = getattr(self, f"layer{i + 1}")(x)
+            stages.append(x)
+        return stages
+
+
+class BasicBlock(nn.Module):
+    """Two 3 x 3 convolutions and a shortcut."""
+
+    expansion = 1
+
+    def __init__(self, inputs: int, width: int, stride: int, norm: str) -> None:
+        super().__init__()
+        self.conv1 = nn.Conv2d(inputs, width, 3, stride, 1, bias=False)
+        self.bn1 = make_norm(norm, width)
+        self.conv2 = nn.Conv2d(width, width, 3, 1, 1, bias=False)
+        self.bn2 = make_norm(norm, width)
+        self.downsample = _shortcut(inputs, width, stride, norm)
+
+    def forward(self, x: Tensor) -> Tensor:
+        out = F.relu(self.bn1(self.conv1(x)))
+        out = self.bn2(self.conv2(out))
+        return F.relu(out + (x if self.downsample is None else self.downsample(x)))
+
+
+class Bottleneck(nn.Module):
+    """1 x 1, 3 x 3 (which strides, as in torchvision) and 1 x 1 convolutions and a shortcut."""
+
+    expansion = 4
+
+    def __init__(self, inputs: int, width: int, stride: int, norm: str) -> None:
+        super().__init__()
+        outputs = width * self.expansion
+        self.conv1 = nn.Conv2d(inputs, width, 1, bias=False)
+        self.bn1 = make_norm(norm, width)
+        self.conv2 = nn.Conv2d(width, width, 3, stride, 1, bias=False)
+        self.bn2 = make_norm(norm, width)
+        self.conv3 = nn.Conv2d(width, outputs, 1, bias=False)
+        self.bn3 = make_norm(norm, outputs)
+        self.downsample = _shortcut(inputs, outputs, stride, norm)
+
+    def forward(self, x: Tensor) -> Tensor:
+        out = F.relu(self.bn1(self.conv1(x)))
+        out = F.relu(self.bn2(self.conv2(out)))
+        out = self.bn3(self.conv3(out))
+        return F.relu(out + (x if self.downsample is None else self.downsample(x)))
+
+
+BLOCKS = {"basic": BasicBlock, "bottleneck": Bottleneck}
+
+
+def _shortcut(inputs: int, outputs: int, stride: int, norm: str) -> nn.Sequential | None:
+    if stride == 1 and inputs == outputs:
+        return None
+    return nn.Sequential(nn.Conv2d(inputs, outputs, 1, stride, bias=False), make_norm(norm, outputs))
