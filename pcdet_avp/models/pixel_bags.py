@@ -8,6 +8,9 @@ upper left pixel; per corner the gradient of the table is then again a bag sum.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import wraps
+
 import torch
 from torch import Tensor
 from torch.nn import functional as F
@@ -16,6 +19,17 @@ from torch.nn import functional as F
 def full_precision(x: Tensor) -> Tensor:
     """float32 for half and bfloat16, anything else as it is."""
     return x.float() if x.dtype in (torch.float16, torch.bfloat16) else x
+
+
+def without_autocast(backward: Callable) -> Callable:
+    """For the backward pass of an autograd function: on a CPU it runs inside the caller's automatic precision."""
+
+    @wraps(backward)
+    def wrapped(ctx, grad: Tensor):
+        with torch.autocast(grad.device.type, enabled=False):
+            return backward(ctx, grad)
+
+    return wrapped
 
 
 def corner_offsets(width: int, stride: int, like: Tensor) -> Tensor:

@@ -22,6 +22,7 @@ from pcdet_avp.models.pixel_bags import (
     bag_sum_with_weight_gradient,
     corner_offsets,
     full_precision,
+    without_autocast,
 )
 
 
@@ -127,6 +128,7 @@ class _DeformableSum(torch.autograd.Function):
         return bag_sum(table, first, _bilinear(u, v, scores), corners)
 
     @staticmethod
+    @without_autocast
     def backward(ctx, grad):
         table, scores, u, v, first, corners = ctx.saved_tensors
         weights = _bilinear(u, v, scores)

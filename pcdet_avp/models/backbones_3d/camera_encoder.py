@@ -15,7 +15,6 @@ from pcdet_avp.models.backbones_3d.vfe.image.depth_head import DepthHead, DepthL
 from pcdet_avp.models.backbones_3d.vfe.image.foreground import foreground_mask
 from pcdet_avp.models.backbones_3d.vfe.image.image_backbone import STRIDE, ImageBackbone
 from pcdet_avp.registry import MAP_TO_BEV
-from pcdet_avp.structures.bev_grid import BevGrid
 
 
 class CameraEncoder(BevEncoder):
@@ -28,7 +27,7 @@ class CameraEncoder(BevEncoder):
 
     def __init__(self, model_cfg: Any, channels: int, dataset: Any) -> None:
         """``dataset`` tells point_cloud_range and voxel_size."""
-        super().__init__(model_cfg.get("ATTENTION"), channels)
+        super().__init__(model_cfg.get("ATTENTION"), channels, dataset)
         depth = model_cfg.DEPTH
         self.bins = {agent: DepthBins.from_config(depth, agent) for agent in ("ego", "infra")}
         self.image_backbone = ImageBackbone(model_cfg.IMAGE_BACKBONE)
@@ -36,8 +35,7 @@ class CameraEncoder(BevEncoder):
         self.depth_head = DepthHead(features, int(depth.NUM_BINS), int(depth.MID_CHANNELS), depth.get("NORM", "group"))
         self.depth_loss = DepthLoss(depth.get("LOSS", {}))
         to_bev = EasyDict({**model_cfg.MAP_TO_BEV, "NUM_BEV_FEATURES": channels})
-        grid = BevGrid.from_range(dataset.point_cloud_range, dataset.voxel_size)
-        self.map_to_bev_module = MAP_TO_BEV[to_bev.NAME](to_bev, grid, features)
+        self.map_to_bev_module = MAP_TO_BEV[to_bev.NAME](to_bev, self.grid, features)
 
     def encode_present(self, batch_dict: dict, source: str, rows: Tensor) -> tuple[Tensor, Tensor, dict]:
         """Also writes depth_logits[source] (R, NUM_BINS + 1, h / 4, w / 4) of the samples ``rows``."""
@@ -59,6 +57,9 @@ class CameraEncoder(BevEncoder):
             gt_boxes (B, M, 8) and ego_from_infra (B, 4, 4), which tell the pixels on road users
         """
         rows, suffix = present_rows(batch_dict, source), suffix_of(source)
+        if not len(rows):
+            zero = batch_dict["source_present"].new_zeros(())
+            return zero, {f"depth_loss_{source.split('_')[0]}": zero}
         logits, depth = batch_dict["depth_logits"][source], batch_dict["depth_maps" + suffix][rows]
         if depth.shape[1:] != logits.shape[2:]:
             raise SensorError(

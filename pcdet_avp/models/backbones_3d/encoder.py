@@ -12,6 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from pcdet_avp.models.backbones_2d.deformable_bev_attention import DeformableBevAttention
+from pcdet_avp.structures.bev_grid import BevGrid
 from pcdet_avp.structures.sensor_set import SOURCES
 
 
@@ -21,8 +22,10 @@ class BevEncoder(nn.Module):
     ``source`` names the agent and the modality, since one encoder may serve both agents.
     """
 
-    def __init__(self, attention_cfg: Any, channels: int) -> None:
+    def __init__(self, attention_cfg: Any, channels: int, dataset: Any) -> None:
+        """``dataset`` tells point_cloud_range and voxel_size."""
         super().__init__()
+        self.channels, self.grid = channels, BevGrid.from_range(dataset.point_cloud_range, dataset.voxel_size)
         self.attention = DeformableBevAttention(attention_cfg, channels) if attention_cfg else None
 
     def forward(self, batch_dict: dict, source: str) -> dict:
@@ -32,14 +35,20 @@ class BevEncoder(nn.Module):
         Returns: batch_dict with
             bev_maps[source] (B, C, H, W), bev_valid[source] (B, 1, H, W) bool
         """
-        rows = present_rows(batch_dict, source)
-        x, valid, written = self.encode_present(batch_dict, source, rows)
-        if self.attention is not None:
-            x = self.attention(x, valid)
-        batch = int(batch_dict["batch_size"])
-        maps = {**batch_dict["bev_maps"], source: spread(x, rows, batch)}
-        valids = {**batch_dict["bev_valid"], source: spread(valid, rows, batch)}
-        return {**batch_dict, **written, "bev_maps": maps, "bev_valid": valids}
+        rows, batch = present_rows(batch_dict, source), int(batch_dict["batch_size"])
+        if len(rows):
+            x, valid, written = self.encode_present(batch_dict, source, rows)
+            x = x if self.attention is None else self.attention(x, valid)
+            x, valid = spread(x, rows, batch), spread(valid, rows, batch)
+        else:
+            (x, valid), written = self._nothing(batch_dict["source_present"]), {}
+        maps = {**batch_dict["bev_maps"], source: x}
+        return {**batch_dict, **written, "bev_maps": maps, "bev_valid": {**batch_dict["bev_valid"], source: valid}}
+
+    def _nothing(self, like: Tensor) -> tuple[Tensor, Tensor]:
+        """A map of zeros for every row of ``like`` (B, 4), nowhere valid."""
+        size = (self.grid.height, self.grid.width)
+        return like.new_zeros(len(like), self.channels, *size), like.new_zeros(len(like), 1, *size, dtype=torch.bool)
 
     def encode_present(self, batch_dict: dict, source: str, rows: Tensor) -> tuple[Tensor, Tensor, dict]:
         """Maps (R, C, H, W) and masks (R, 1, H, W) bool of the samples ``rows`` (R,), and further keys to write."""

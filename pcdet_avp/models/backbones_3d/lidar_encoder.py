@@ -12,7 +12,6 @@ from pcdet_avp.models.backbones_2d import map_to_bev  # noqa: F401  registers
 from pcdet_avp.models.backbones_3d import vfe  # noqa: F401  registers
 from pcdet_avp.models.backbones_3d.encoder import BevEncoder, suffix_of
 from pcdet_avp.registry import MAP_TO_BEV, VFE
-from pcdet_avp.structures.bev_grid import BevGrid
 
 
 class LidarEncoder(BevEncoder):
@@ -23,9 +22,8 @@ class LidarEncoder(BevEncoder):
 
     def __init__(self, model_cfg: Any, channels: int, dataset: Any) -> None:
         """``dataset`` tells point_cloud_range, voxel_size and point_feature_encoder.num_point_features."""
-        super().__init__(model_cfg.get("ATTENTION"), channels)
-        grid = BevGrid.from_range(dataset.point_cloud_range, dataset.voxel_size)
-        grid_size = [grid.width, grid.height, 1]
+        super().__init__(model_cfg.get("ATTENTION"), channels, dataset)
+        grid_size = [self.grid.width, self.grid.height, 1]
         self.vfe = VFE[model_cfg.VFE.NAME](
             model_cfg=model_cfg.VFE,
             num_point_features=dataset.point_feature_encoder.num_point_features,

@@ -106,7 +106,7 @@ def test_max_pooling_keeps_a_single_hot_cell():
     x[:, :, 2, 1] = 5.0
     latent, _ = module.compress(x)
     assert latent.nonzero().tolist() == [[0, 0, 1, 0]]
-    assert latent[0, 0, 1, 0].item() == pytest.approx(4.9, abs=1e-3)  # shortened by the initial length 0.1
+    assert latent[0, 0, 1, 0].item() == pytest.approx(4.9, abs=2e-3)  # shortened by the initial length 0.1
     module.restore.weight.data.fill_(2.0)
     assert module.decompress(latent)[0, 3].nonzero().tolist() == [[2, 0], [2, 1], [3, 0], [3, 1]]
 

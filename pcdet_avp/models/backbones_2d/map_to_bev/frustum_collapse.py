@@ -15,7 +15,13 @@ import torch
 from torch import Tensor
 
 from pcdet_avp.models.backbones_2d.map_to_bev.camera_rays import CameraRays
-from pcdet_avp.models.pixel_bags import add_table_gradient, bag_sum, bag_sum_with_weight_gradient, corner_offsets
+from pcdet_avp.models.pixel_bags import (
+    add_table_gradient,
+    bag_sum,
+    bag_sum_with_weight_gradient,
+    corner_offsets,
+    without_autocast,
+)
 
 SAMPLINGS = ("trilinear", "factorised")
 CHUNK_VOXELS = 1 << 16  # at a time: 16 MiB per tensor at 64 channels
@@ -46,6 +52,7 @@ class _FrustumCollapse(torch.autograd.Function):
         return collapsed
 
     @staticmethod
+    @without_autocast
     def backward(ctx, grad):
         features, probabilities, weight = ctx.saved_tensors
         matrix = _as_matrix(weight)

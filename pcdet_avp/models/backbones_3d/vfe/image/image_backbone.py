@@ -22,7 +22,7 @@ BOOKKEEPING = "num_batches_tracked"  # of batch norms; nothing computes with it
 class ImageBackbone(nn.Module):
     """Images (B, 3, h, w), RGB in [0, 1] -> features (B, OUT_CHANNELS, ceil(h / 4), ceil(w / 4)).
 
-    ``DEPTH: 18 | 34 | 50`` is the published network; otherwise ``BLOCKS``, ``WIDTHS``, ``BLOCK`` (basic or
+    ``DEPTH: 18 | 34 | 50`` is the published network; where it is null, ``BLOCKS``, ``WIDTHS``, ``BLOCK`` (basic or
     bottleneck) and ``STEM`` describe a lighter one. ``NORM`` is group, batch or frozen_batch. ``PRETRAINED`` names a
     file with torchvision's ImageNet weights, or is null.
     """
