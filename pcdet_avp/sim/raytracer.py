@@ -1,8 +1,9 @@
 """Ray casting on Embree: which triangle does a ray meet first, and is a point in shadow.
 
 A world keeps several ``TriangleScene``: what stands still for a whole episode is built once, what moves is
-rebuilt every tick, and a ray takes the nearer hit. Directions need not be unit vectors; distances are in units
-of their length.
+rebuilt every tick, and a ray takes the nearer hit. Rays of one origin are put to a small scene only where they point
+at one of its instances, shadow rays only where nothing blocked them before. Directions need not be unit vectors;
+distances are in units of their length.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+import numba
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
@@ -19,6 +21,7 @@ from pcdet_avp.sim.mesh import Mesh
 
 NO_FACE = -1
 FAR_M = np.float32(1e6)
+MOST_CONES = 48  # a scene of more instances is asked about every ray
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,12 +45,21 @@ class TriangleScene:
         self.mesh = Mesh.merge([mesh for mesh, _ in parts]) if parts else _empty_mesh()
         counts = [len(mesh.faces) for mesh, _ in parts]
         self.instance = np.repeat(np.array([number for _, number in parts], np.int32), counts)
+        self._spheres = np.array([_bounding_sphere(mesh) for mesh, _ in parts], np.float32).reshape(-1, 4)
         self._embree = EmbreeScene()
         if len(self.mesh.faces):
             TriangleMesh(self._embree, self.mesh.vertices, self.mesh.faces)
 
     def __len__(self) -> int:
         return len(self.mesh.faces)
+
+    def candidates(self, origin: np.ndarray, directions: np.ndarray) -> np.ndarray | None:
+        """Indices of the rays from one origin (3,) that may meet an instance; None where asking would not pay."""
+        offset = self._spheres[:, :3] - origin
+        distance2, radius2 = (offset**2).sum(1), self._spheres[:, 3] ** 2
+        if len(self._spheres) > MOST_CONES or (distance2 <= radius2).any():
+            return None
+        return np.flatnonzero(_in_a_cone(directions, offset, distance2 - radius2))
 
     def first_hits(self, origins: np.ndarray, directions: np.ndarray, limits: np.ndarray) -> dict[str, np.ndarray]:
         """Embree's own answer for rays that end at ``limits`` (R,)."""
@@ -69,17 +81,20 @@ class RayTracer:
 
     def cast(self, origins: np.ndarray, directions: np.ndarray, limits: float | np.ndarray = FAR_M) -> Hits:
         """First hit of every ray."""
+        origin = np.float32(origins) if np.ndim(origins) == 1 else None
         origins, directions, limits = ray_arrays(origins, directions, limits)
         hits = Hits(
             limits.copy(), np.full(len(limits), NO_FACE, np.int32), np.zeros_like(limits), np.zeros_like(limits)
         )
         first_face = 0
         for scene in self.scenes:
-            found = scene.first_hits(origins, directions, hits.distance)
-            nearer = found["primID"] >= 0
-            hits.distance[nearer] = found["tfar"][nearer]
-            hits.face[nearer] = found["primID"][nearer] + np.int32(first_face)
-            hits.u[nearer], hits.v[nearer] = found["u"][nearer], found["v"][nearer]
+            rows = None if origin is None else scene.candidates(origin, directions)
+            if rows is None:
+                found = scene.first_hits(origins, directions, hits.distance)
+                _keep_nearer(hits, found, first_face, np.flatnonzero(found["primID"] >= 0), None)
+            elif len(rows):
+                found = scene.first_hits(origins[rows], directions[rows], hits.distance[rows])
+                _keep_nearer(hits, found, first_face, np.flatnonzero(found["primID"] >= 0), rows)
             first_face += len(scene)
         hits.distance[hits.face == NO_FACE] = FAR_M
         return hits
@@ -89,7 +104,8 @@ class RayTracer:
         origins, directions, limits = ray_arrays(origins, directions, limits)
         blocked = np.zeros(len(limits), dtype=bool)
         for scene in self.scenes:
-            blocked |= scene.blocks(origins, directions, limits)
+            # A ray of length zero costs Embree next to nothing.
+            blocked |= scene.blocks(origins, directions, np.where(blocked, np.float32(0), limits))
         return blocked
 
     @cached_property
@@ -115,6 +131,40 @@ class RayTracer:
     @staticmethod
     def _joined(arrays, shape, dtype) -> np.ndarray:
         return np.concatenate(arrays) if arrays else np.zeros(shape, dtype)
+
+
+def _keep_nearer(hits: Hits, found: dict[str, np.ndarray], first_face: int, met: np.ndarray, rows) -> None:
+    """Enter what a scene's rays ``met`` into ``hits``; its ray k is ray rows[k] of all (or k where rows is None)."""
+    to = met if rows is None else rows[met]
+    hits.distance[to] = found["tfar"][met]
+    hits.face[to] = found["primID"][met] + np.int32(first_face)
+    hits.u[to], hits.v[to] = found["u"][met], found["v"][met]
+
+
+def _bounding_sphere(mesh: Mesh) -> tuple[float, float, float, float]:
+    """Centre and radius about the middle of the mesh's box, a little too large."""
+    low, high = mesh.vertices.min(0), mesh.vertices.max(0)
+    centre = (low + high) / 2
+    radius = np.sqrt(((mesh.vertices - centre) ** 2).sum(1).max())
+    return (*centre, 1.001 * radius + 1e-3)
+
+
+@numba.njit(cache=True, fastmath=True)
+def _in_a_cone(directions, axes, tangent2):
+    """Mask (R,) of directions that come as near to the end of an axis (P, 3) as the sphere there reaches.
+
+    ``tangent2`` (P,) is the squared length of the tangents to the sphere: cos^2 of the cone times the axis squared.
+    """
+    inside = np.zeros(len(directions), np.bool_)
+    for i in range(len(directions)):
+        x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
+        length2 = x * x + y * y + z * z
+        for p in range(len(axes)):
+            along = x * axes[p, 0] + y * axes[p, 1] + z * axes[p, 2]
+            if along > 0 and along * along >= tangent2[p] * length2:
+                inside[i] = True
+                break
+    return inside
 
 
 def ray_arrays(origins, directions, limits) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

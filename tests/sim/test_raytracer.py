@@ -58,3 +58,25 @@ def test_no_scene_and_no_rays():
     assert len(empty.colors) == len(empty.instance) == 0
     full = RayTracer([TriangleScene([cube(3, 0)])])
     assert len(full.cast(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32)).face) == 0
+
+
+def test_leaving_out_rays_that_point_past_every_instance_changes_no_hit():
+    """Rays of one origin, which are sorted out, against the same rays with an origin each, which are not."""
+    rng = np.random.default_rng(2)
+    wall = TriangleScene([cube(30, 0)])
+    cars = TriangleScene(
+        [(box_mesh(rng.uniform(0.3, 5, 3), rng.uniform(-20, 20, 3), (1,) * 3, Material.PAINT), k) for k in range(12)]
+    )
+    directions = (rng.normal(size=(20000, 3)) + [0, 2, 0]).astype(np.float32)
+    eye = np.array([0.5, -26, 1], np.float32)
+    tracer = RayTracer([wall, cars])
+    assert 0 < len(cars.candidates(eye, directions)) < 19000
+    one, each = tracer.cast(eye, directions), tracer.cast(np.tile(eye, (20000, 1)), directions)
+    assert len(np.unique(tracer.instance[each.face[each.face >= 0]])) > 8
+    for name in ("distance", "face", "u", "v"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(each, name))
+
+
+def test_an_eye_inside_an_instance_sees_it():
+    tracer = RayTracer([TriangleScene([cube(0, 5)])])
+    np.testing.assert_allclose(tracer.cast(np.zeros(3, np.float32), AHEAD).distance, 1, atol=1e-6)
