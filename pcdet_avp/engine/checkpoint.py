@@ -21,16 +21,8 @@ from torch import nn
 from pcdet_avp.errors import CheckpointError
 
 LATEST = "latest_model.pth"
-UNREADABLE = (
-    RuntimeError,
-    EOFError,
-    pickle.UnpicklingError,
-    KeyError,
-    ValueError,
-    zipfile.BadZipFile,
-    AttributeError,
-    TypeError,
-)
+UNREADABLE = (RuntimeError, EOFError, KeyError, ValueError, AttributeError, TypeError)
+UNREADABLE += (pickle.UnpicklingError, zipfile.BadZipFile)
 
 
 def save(path: Path, content: Mapping[str, Any]) -> None:

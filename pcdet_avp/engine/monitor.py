@@ -60,7 +60,8 @@ class Monitor:
         self._sums["meta_data/grad_norm"].append(report.grad_norm)
         self._sums[f"combination/{report.combo}"].append(report.loss)
         for name, value in report.terms.items():
-            self._sums[name if "/" in name else f"train/{name}"].append(value)
+            if name != "loss":
+                self._sums[name if "/" in name else f"train/{name}"].append(value)
 
     def _flush(self, report: StepReport, done: int) -> None:
         means = {name: float(np.mean(values)) for name, values in self._sums.items()}
