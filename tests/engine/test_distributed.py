@@ -1,0 +1,109 @@
+"""Two processes on one machine: the same batch, the same gradients, the same decisions."""
+
+import multiprocessing
+import os
+import socket
+import sys
+
+import pytest
+import torch
+
+from pcdet_avp.engine import distributed
+from pcdet_avp.engine.run_state import restore_run, run_state
+from pcdet_avp.errors import ConfigError, TrainingError
+
+STEPS = 8  # enough for combinations with and without the LiDAR's encoder
+
+
+def _free_port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def _in_two_processes(work, *arguments):
+    """Run ``work(ranks, *arguments)`` as torchrun would, in forks; what each rank returned."""
+    context, port = multiprocessing.get_context("fork"), _free_port()
+    queue = context.SimpleQueue()
+    processes = [context.Process(target=_rank, args=(work, r, port, queue, arguments)) for r in range(2)]
+    for process in processes:
+        process.start()
+    for process in processes:
+        process.join(60)
+        assert process.exitcode == 0
+    results = dict(queue.get() for _ in processes)
+    return [results[0], results[1]]
+
+
+def _rank(work, rank, port, queue, arguments):
+    torch.set_num_threads(1)
+    place = {"RANK": rank, "LOCAL_RANK": rank, "WORLD_SIZE": 2, "MASTER_ADDR": "127.0.0.1", "MASTER_PORT": port}
+    os.environ.update({key: str(value) for key, value in place.items()})
+    ranks = distributed.start("pytorch", "cpu")
+    queue.put((rank, work(ranks, *arguments)))
+    distributed.stop()
+    sys.exit(0)
+
+
+def _gradients(trainer):
+    return {n: None if p.grad is None else p.grad.tolist() for n, p in trainer.model.named_parameters()}
+
+
+def _train(ranks, toy):
+    trainer = toy.make_trainer(ranks=ranks, dropout=0.0)
+    source = toy.make_batches(trainer)
+    history = []
+    for _ in range(STEPS):
+        report = trainer.step(next(source))
+        history.append((report.combo, _gradients(trainer)))
+    return history
+
+
+def _same(ours, theirs):
+    if ours is None or theirs is None:
+        return ours is theirs
+    return torch.allclose(torch.tensor(ours), torch.tensor(theirs), rtol=1e-5, atol=1e-8)
+
+
+def test_two_ranks_have_the_gradients_of_one_process_with_the_whole_batch(toy):
+    alone = _train(distributed.start(device="cpu"), toy)
+    assert {combo.partition("+")[0] for combo, _ in alone} == {"C", "CL"}
+    for of_rank in _in_two_processes(_train, toy):
+        for (combo, theirs), (same_combo, ours) in zip(alone, of_rank, strict=True):
+            assert combo == same_combo
+            assert all(_same(ours[name], theirs[name]) for name in theirs), combo
+
+
+def _one_rank_has_a_nan(ranks, toy):
+    trainer = toy.make_trainer(ranks=ranks)
+    batch = next(toy.make_batches(trainer)) | {"loss_factor": float("nan") if ranks.rank else 1.0}
+    try:
+        trainer.step(batch)
+    except TrainingError as error:
+        return str(error)
+
+
+def test_a_nan_on_one_rank_stops_both(toy):
+    assert all("iteration 0" in text for text in _in_two_processes(_one_rank_has_a_nan, toy))
+
+
+def _votes_and_states(ranks, toy):
+    trainer = toy.make_trainer(ranks=ranks)
+    torch.rand(1 + ranks.rank)
+    content = run_state(trainer)
+    expected = torch.rand(3)
+    restore_run(trainer, content, "a.pth")
+    resumed = torch.equal(torch.rand(3), expected)
+    return ranks.any([ranks.rank == 1, False]), ranks.from_first(10 + ranks.rank), resumed, len(content["random_states"])
+
+
+def test_ranks_agree_and_each_gets_its_own_random_numbers_back(toy):
+    assert _in_two_processes(_votes_and_states, toy) == [([True, False], 10, True, 2)] * 2
+
+
+def test_a_launcher_needs_its_environment(monkeypatch):
+    monkeypatch.delenv("RANK", raising=False)
+    with pytest.raises(ConfigError, match="RANK is missing; start with torchrun"):
+        distributed.start("pytorch")
+    with pytest.raises(ConfigError, match="unknown 'slurm'; known: none, pytorch"):
+        distributed.start("slurm")
