@@ -58,11 +58,7 @@ def main() -> None:
     for key in (*LIDARS, "both LiDARs"):
         shares = [statistics.seen_shares(name)[key] for name in CLASS_NAMES]
         print(f"{key:<14}" + "".join(f"{100 * one:>12.1f}% ({100 * five:.1f}%)" for one, five in shares))
-    for name in CLASS_NAMES:
-        shares = ", ".join(f"{100 * s:.1f}%" for s in statistics.difficulty_shares(name))
-        print(
-            f"{name}: {sum(map(len, statistics.difficulty[name])) / statistics.frames:.1f} a frame; easy, hard, invisible {shares}"
-        )
+    print("\n" + "\n".join(statistics.objects_text()))
 
 
 if __name__ == "__main__":

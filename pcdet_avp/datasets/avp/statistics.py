@@ -66,9 +66,10 @@ class Statistics:
 
     def text(self) -> str:
         """The report that ``create_data.py`` prints."""
-        return "\n".join([*self._objects(), "", *self._seen(), "", *self._distances()])
+        return "\n".join([*self.objects_text(), "", *self._seen(), "", *self._distances()])
 
-    def _objects(self) -> list[str]:
+    def objects_text(self) -> list[str]:
+        """Lines on how many objects there are, and how difficult they are."""
         lines = [f"{self.frames} frames; objects in the ego's BEV range, and their difficulty for the vehicle camera"]
         lines.append(f"  {'class':<12}{'objects':>9}{'a frame':>9}" + "".join(f"{d:>11}" for d in DIFFICULTIES))
         for name in CLASS_NAMES:
