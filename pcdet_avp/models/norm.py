@@ -14,6 +14,7 @@ import torch
 from torch import Tensor, nn
 
 from pcdet_avp.errors import ConfigError
+from pcdet_avp.models.pixel_bags import full_precision
 
 NORMS = ("group", "batch", "frozen_batch")
 CHANNELS_PER_GROUP = 8
@@ -62,8 +63,8 @@ class ScaleNorm(nn.Module):
 
     def forward(self, x: Tensor, present: Tensor) -> Tensor:
         """x (B, C, H, W), zero where ``present`` (B, 1, H, W) bool is false -> the same shape."""
-        cells = present.flatten(1).sum(1).clamp_min(1)
-        power = x.float().square().flatten(1).sum(1) / (cells * x.shape[1])
+        values = present.sum((1, 2, 3)).clamp_min(1) * x.shape[1]
+        power = torch.linalg.vector_norm(full_precision(x), dim=(1, 2, 3)).square() / values
         scale = torch.rsqrt(power + self.eps)[:, None] * self.weight
         return x * scale.to(x.dtype)[:, :, None, None]
 

@@ -41,7 +41,7 @@ def corner_offsets(width: int, stride: int, like: Tensor) -> Tensor:
 
 
 def bag_sum(table: Tensor, first: Tensor, weights: Tensor, corners: Tensor) -> Tensor:
-    """table (R, C), first (n, S) row of each sample's upper left pixel, weights (n, S, 4) -> (n, C)."""
+    """table (R, C), first (n, S) row of each sample's upper left pixel, weights (n, S, corners) -> (n, C)."""
     rows = (first[..., None] + corners).view(len(first), -1)
     return F.embedding_bag(rows, table, per_sample_weights=weights.view_as(rows), mode="sum")
 
@@ -49,7 +49,7 @@ def bag_sum(table: Tensor, first: Tensor, weights: Tensor, corners: Tensor) -> T
 def bag_sum_with_weight_gradient(
     table: Tensor, first: Tensor, weights: Tensor, corners: Tensor, grad: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """The sums (n, C) again, and the gradient (n, S, 4) of the weights for that of the sums (n, C)."""
+    """The sums (n, C) again, and the gradient (n, S, corners) of the weights for that of the sums (n, C)."""
     with torch.enable_grad():
         weights = weights.detach().requires_grad_()
         sums = bag_sum(table.detach(), first, weights, corners)
@@ -61,7 +61,7 @@ def add_table_gradient(d_table: Tensor, first: Tensor, weights: Tensor, corners:
     samples, rows = first.shape[1], len(d_table)
     order = torch.sort(first.view(-1), stable=True).indices
     starts = F.pad(torch.bincount(first.view(-1), minlength=rows).cumsum(0), (1, 0))
-    by_corner = weights.view(-1, 4).index_select(0, order).T.contiguous()
+    by_corner = weights.view(-1, len(corners)).index_select(0, order).T.contiguous()
     bag = order if samples == 1 else order // samples
     for corner, offset in zip(by_corner, corners.tolist(), strict=True):
         sums = F.embedding_bag(bag, grad, starts, per_sample_weights=corner, mode="sum", include_last_offset=True)

@@ -20,20 +20,27 @@ class CameraRays:
     """
 
     columns: Tensor  # (c,) int64 cells (row * W + column) with at least one voxel seen
-    pixels: Tensor  # (c, Z) int32 upper left of the four neighbouring pixels in the padded image
-    weights: Tensor  # (c, Z, 4) bilinear weights of the upper left, upper right, lower left and lower right pixel
+    pixels: Tensor  # (c, Z) int32 upper left of the four neighbouring pixels in the padded image, or the nearest one
+    weights: Tensor  # (c, Z, 4) bilinear weights of upper left, upper right, lower left, lower right; or (c, Z, 1)
     bins: Tensor  # (c, Z) int32 lower of the two neighbouring bins in the padded distribution
     bin_shift: Tensor  # (c, Z) weight of the upper bin
     image_size: tuple[int, int]  # rows and columns of the padded feature image
 
 
 def trace_rays(
-    image_from_agent: Tensor, grid: BevGrid, heights: int, bins: DepthBins, image_size: tuple[int, int], stride: int
+    image_from_agent: Tensor,
+    grid: BevGrid,
+    heights: int,
+    bins: DepthBins,
+    image_size: tuple[int, int],
+    stride: int,
+    nearest: bool = False,
 ) -> CameraRays:
     """Project all voxel centres with the (3, 4) matrix agent frame -> pixels.
 
     A voxel is seen if it lies inside the image of ``image_size`` (rows, columns) and inside the depth bins.
-    A feature pixel covers ``stride`` image pixels, its centre at half of that.
+    A feature pixel covers ``stride`` image pixels, its centre at half of that. ``nearest`` takes the pixel that the
+    voxel lies in instead of its four neighbours.
     """
     u, v, depth = _project(image_from_agent.double(), grid, heights)
     seen = (depth >= bins.near_m) & (depth < bins.far_m)
@@ -44,8 +51,12 @@ def trace_rays(
     u, left = _split(u[columns] / stride, padded[1])
     v, top = _split(v[columns] / stride, padded[0])
     shift, lower = _split(bins.position(depth[columns]), bins.count + 2)
-    weights = torch.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], -1) * seen[..., None]
-    return CameraRays(columns, top * padded[1] + left, weights, lower, shift, padded)
+    pixels = top * padded[1] + left
+    if nearest:
+        pixels, weights = pixels + (u >= 0.5) + (v >= 0.5) * padded[1], torch.ones_like(u)[..., None]
+    else:
+        weights = torch.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], -1)
+    return CameraRays(columns, pixels, weights * seen[..., None], lower, shift, padded)
 
 
 def _split(position: Tensor, padded: int) -> tuple[Tensor, Tensor]:

@@ -23,7 +23,7 @@ from pcdet_avp.models.pixel_bags import (
     without_autocast,
 )
 
-SAMPLINGS = ("trilinear", "factorised")
+SAMPLINGS = ("trilinear", "factorised", "nearest")
 CHUNK_VOXELS = 1 << 16  # at a time: 16 MiB per tensor at 64 channels
 
 
@@ -33,7 +33,8 @@ def frustum_collapse(
     """features (pixels, C) and probabilities (pixels, D + 2) of the padded image, weight (C_out, C, Z) -> (c, C_out).
 
     ``factorised`` multiplies the interpolated feature by the interpolated probability, which lets features of one
-    side of an edge appear at the other side's depth; it is there to be compared with.
+    side of an edge appear at the other side's depth; it is there to be compared with. ``nearest`` needs rays of the
+    same kind and takes one pixel instead of four, at less than half of the cost.
     """
     return _FrustumCollapse.apply(features, probabilities, weight, rays, sampling)
 
@@ -70,19 +71,20 @@ class _FrustumCollapse(torch.autograd.Function):
 
 
 class _Chunk:
-    """Some columns' voxels, flattened: n of them, each with four pixels."""
+    """Some columns' voxels, flattened: n of them, each with four pixels, or with one."""
 
     def __init__(self, rays: CameraRays, part: slice, sampling: str, slots: int) -> None:
         """``slots`` is the width D + 2 of the padded distributions."""
         self.sampling = sampling
         self.first = rays.pixels[part].reshape(-1, 1)
-        self.corners = corner_offsets(rays.image_size[1], 1, self.first)
-        self.bilinear = rays.weights[part].reshape(-1, 1, 4)
+        pixels = rays.weights.shape[-1]
+        self.corners = corner_offsets(rays.image_size[1], 1, self.first)[:pixels]
+        self.bilinear = rays.weights[part].reshape(-1, 1, pixels)
         self.bin_shift = rays.bin_shift[part].reshape(-1, 1, 1)
         self.slots = ((self.first + self.corners) * slots + rays.bins[part].reshape(-1, 1)).view(-1)
 
     def weigh(self, probabilities: Tensor) -> Tensor:
-        """(n, 1, 4) what each pixel's features count."""
+        """(n, 1, pixels) what each pixel's features count."""
         flat = probabilities.view(-1)
         lower = flat.index_select(0, self.slots).view_as(self.bilinear)
         upper = flat[1:].index_select(0, self.slots).view_as(self.bilinear)
@@ -92,7 +94,7 @@ class _Chunk:
         return self.bilinear * at_depth
 
     def add_probability_gradient(self, d_probabilities: Tensor, d_weights: Tensor) -> None:
-        """Add to d_probabilities (pixels, D + 2) in place, for the gradient (n, 1, 4) of the weights."""
+        """Add to d_probabilities (pixels, D + 2) in place, for the gradient (n, 1, pixels) of the weights."""
         if self.sampling == "factorised":
             d_weights = (d_weights * self.bilinear).sum(-1, keepdim=True)
         d_depth = self.bilinear * d_weights

@@ -25,9 +25,9 @@ class FrustumToBev(nn.Module):
     """Features and depth logits of images -> maps (B, NUM_BEV_FEATURES, H, W) and the field of view (B, 1, H, W).
 
     HEIGHTS voxel centres over each cell, evenly spaced over the grid's vertical range; SAMPLING trilinear (CaDDN's
-    result) or factorised. ``collapse`` is CaDDN's 1 x 1 convolution over channel * HEIGHTS + height, without bias.
-    It is followed by a scale-only norm and ReLU: a cell that holds nothing stays zero, and so do the cells outside
-    the field of view. The geometry of the last few cameras is remembered by their calibration.
+    result), factorised or nearest (see ``frustum_collapse``). ``collapse`` is CaDDN's 1 x 1 convolution over
+    channel * HEIGHTS + height, without bias; a scale-only norm and ReLU follow. So a cell that holds nothing stays
+    zero, as do the cells outside the field of view. The last few cameras' geometry is remembered by calibration.
     """
 
     def __init__(self, model_cfg: Any, grid: BevGrid, in_channels: int) -> None:
@@ -73,7 +73,9 @@ class FrustumToBev(nn.Module):
         if key not in self._remembered:
             while len(self._remembered) >= REMEMBERED_CAMERAS:
                 self._remembered.pop(next(iter(self._remembered)))
-            self._remembered[key] = trace_rays(image_from_agent, self.grid, self.heights, bins, image_size, stride)
+            nearest = self.sampling == "nearest"
+            rays = trace_rays(image_from_agent, self.grid, self.heights, bins, image_size, stride, nearest)
+            self._remembered[key] = rays
         return self._remembered[key]
 
 

@@ -40,7 +40,7 @@ def random_images(batch=1, channels=3, seed=0):
     return features, torch.randn(batch, BINS.count + 1, 6, 10, generator=generator) * 2
 
 
-def caddn(to_bev, features, logits, matrix, factorised=False):
+def caddn(to_bev, features, logits, matrix, sampling="trilinear"):
     """The map before the norm, by way of the frustum volume and the voxel volume."""
     x, y = GRID.cell_centres()
     z = -0.5 + (np.arange(HEIGHTS) + 0.5) * 4.0 / HEIGHTS
@@ -54,7 +54,13 @@ def caddn(to_bev, features, logits, matrix, factorised=False):
     grid = np.stack([u / STRIDE / 10 * 2 - 1, v / STRIDE / 6 * 2 - 1, k / BINS.count * 2 - 1], -1)
     grid = torch.tensor(grid, dtype=torch.float32)[None]
     chances = logits.softmax(1)[:, : BINS.count]
-    if factorised:
+    if sampling == "nearest":
+        at = [np.clip(np.floor(w / STRIDE), 0, n - 1).astype(int) for w, n in ((v, 6), (u, 10))]
+        near = np.stack([(at[1] + 0.5) / 10 * 2 - 1, (at[0] + 0.5) / 6 * 2 - 1, grid[0, ..., 2]], -1)
+        voxels = F.grid_sample(
+            features[:, :, None] * chances[:, None], torch.tensor(near).float()[None], align_corners=False
+        )
+    elif sampling == "factorised":
         flat = F.grid_sample(features, grid[..., :2].view(1, -1, 1, 2), align_corners=False)
         chance = F.grid_sample(chances[:, None], grid, align_corners=False)
         voxels = flat.view(1, features.shape[1], *grid.shape[1:4]) * chance
@@ -66,12 +72,12 @@ def caddn(to_bev, features, logits, matrix, factorised=False):
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.3])
-@pytest.mark.parametrize("factorised", [False, True])
-def test_equals_the_explicit_frustum_and_its_gradients(yaw, factorised):
-    to_bev = head("factorised" if factorised else "trilinear")
+@pytest.mark.parametrize("sampling", ["trilinear", "factorised", "nearest"])
+def test_equals_the_explicit_frustum_and_its_gradients(yaw, sampling):
+    to_bev = head(sampling)
     features, logits = (t.requires_grad_() for t in random_images())
     matrix = image_from_agent(yaw=yaw)
-    collapsed, seen = caddn(to_bev, features, logits, matrix, factorised)
+    collapsed, seen = caddn(to_bev, features, logits, matrix, sampling)
     expected = F.relu(to_bev.norm(collapsed * seen, seen))
     found, valid = to_bev(features, logits, matrix[None], BINS, SIZE, STRIDE)
     assert torch.equal(valid, seen)
@@ -194,5 +200,5 @@ def test_the_last_cameras_are_remembered_and_no_more():
 
 
 def test_an_unknown_sampling_is_refused():
-    with pytest.raises(ConfigError, match="trilinear, factorised"):
+    with pytest.raises(ConfigError, match="trilinear, factorised, nearest"):
         head("bicubic")
