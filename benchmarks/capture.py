@@ -10,6 +10,8 @@ The frame's time includes rebuilding what moves; the static scene is built once 
 from __future__ import annotations
 
 import argparse
+import resource
+import sys
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
@@ -161,6 +163,8 @@ def report(rows: np.ndarray, clock: Clock, builds: list[float], triangles: int) 
     frame, bare, rays = np.median(rows, axis=0)
     print(f"{len(rows)} frames, medians, one thread; static scene of the last: {triangles} triangles")
     print(f"whole frame {frame:.3f} s; bare Embree {bare:.3f} s for {rays / 1e6:.2f} M rays; ratio {frame / bare:.2f}")
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+    print(f"peak memory of this process, recorded rays included: {peak / 1e9:.2f} GB")
     print(f"drawing and building a scene, once per scene: {np.median(builds):.2f} s")
     print(f"{'part, mean':<22}{'seconds':>9}{'Embree':>9}")
     for name in sorted(clock.total, key=clock.total.get, reverse=True):

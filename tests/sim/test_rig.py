@@ -72,7 +72,7 @@ def test_every_lidar_point_lies_on_a_triangle(agent, frame, world):
     best = np.full(len(points), np.inf)
     for scene in tracer.scenes:
         best = np.minimum(best, distance_to_triangles(points, scene.mesh.vertices, scene.mesh.faces))
-    assert best.max() < 2e-3
+    assert best.max() < 1e-3
 
 
 @pytest.mark.parametrize("agent", ["ego", "infra"])
