@@ -11,7 +11,6 @@ from pcdet_avp.sim import film, shading
 from pcdet_avp.sim.ambient_occlusion import open_sky
 from pcdet_avp.sim.lights import KEY, Lighting, draw_lighting, headlamps_of
 from pcdet_avp.sim.raytracer import RayTracer
-from pcdet_avp.sim.textures import noise_tiles
 from pcdet_avp.structures.camera import PinholeCamera
 from pcdet_avp.structures.pose import Pose
 
@@ -79,13 +78,13 @@ def _radiance(tracer, camera, eye, rays, hits, lighting) -> tuple[np.ndarray, np
 
 
 def _scene_tables(tracer: RayTracer, lighting: Lighting) -> tuple:
-    """What the shading looks up: tables by face, the light field, head-lamp beams and their power, noise tiles."""
+    """What the shading looks up: tables by face, the light field, head-lamp beams and their power."""
     field = lighting.field
     faces = (tracer.instance, tracer.colors, tracer.materials, tracer.normals)
     unit = np.float32(field.floor_light)
     light = (field.origin, field.lamps, field.smooth, field.tint, np.float32(field.height), unit)
     power = np.float32(HEADLAMP_POWER * 25.0) * unit
-    return faces, light, _beams(lighting.headlamps), power, noise_tiles()
+    return faces, light, _beams(lighting.headlamps), power
 
 
 def _shadow_buffers(slots: int) -> tuple[np.ndarray, ...]:

@@ -209,8 +209,19 @@ def _greenhouse_stations(profile: Profile) -> np.ndarray:
     rear, top, front, cowl = profile.tail_glass, profile.roof_end, profile.screen_top, profile.cowl
     pillar = profile.shape.side_gap_x[1] * profile.length
     end = profile.shape.glazed_to_x * profile.length
-    x = [rear, rear * 0.9 + top * 0.1, rear * 0.2 + top * 0.8, top, (top + front) / 2, pillar - 0.05, pillar + 0.05, end]
-    x += [rear + 0.85, front - 0.15, front, front * 0.85 + cowl * 0.15, front * 0.3 + cowl * 0.7, front * 0.08 + cowl * 0.92, cowl]
+    x = [rear, rear * 0.9 + top * 0.1, rear * 0.2 + top * 0.8, top, (top + front) / 2]
+    x += [
+        pillar - 0.05,
+        pillar + 0.05,
+        end,
+        rear + 0.85,
+        front - 0.15,
+        front,
+        front * 0.85 + cowl * 0.15,
+        front * 0.3 + cowl * 0.7,
+        front * 0.08 + cowl * 0.92,
+        cowl,
+    ]
     return np.unique(np.array(x).round(4))
 
 
@@ -218,7 +229,7 @@ def _greenhouse_sections(x: np.ndarray, profile: Profile) -> np.ndarray:
     """(S, 7, 3) half sections from the belt to the roof's centre."""
     belt, top = profile.shoulder(x) - 0.02, profile.roof(x)
     foot = 0.93 * profile.half_width(x)
-    tall = (profile.height - profile.shape.deck_z * profile.height)
+    tall = profile.height - profile.shape.deck_z * profile.height
     lean = profile.shape.tumblehome * profile.half * np.clip((top - belt) / tall, 0, 1)
     head = foot - lean
     rise = top - belt

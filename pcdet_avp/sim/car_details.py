@@ -35,8 +35,10 @@ def _wheel(profile: Profile, axle_x: float, side: int) -> Mesh:
     radii = profile.radius * np.array([0.9, 1.0, 0.95, 0.70, 0.64, 0.0])
     outer = profile.half * 0.985
     y = outer - np.array([TYRE_WIDTH_M, 0.03, 0.0, 0.004, 0.03, 0.015])
-    rings = [np.stack([axle_x + r * np.cos(angle), 0 * angle + side * v, profile.radius + r * np.sin(angle)], -1)
-             for r, v in zip(radii, y, strict=True)]
+    rings = [
+        np.stack([axle_x + r * np.cos(angle), 0 * angle + side * v, profile.radius + r * np.sin(angle)], -1)
+        for r, v in zip(radii, y, strict=True)
+    ]
     faces = grid_faces(len(rings), WHEEL_SIDES, closed=True)
     faces = faces if side < 0 else faces[:, ::-1]
     colors = np.empty((len(rings) - 1, WHEEL_SIDES, 3), np.float32)
@@ -44,7 +46,9 @@ def _wheel(profile: Profile, axle_x: float, side: int) -> Mesh:
     colors[4] = np.where((np.arange(WHEEL_SIDES) % 2 == 0)[:, None], np.array(RIM), np.array(RIM_GAP))
     materials = np.full((len(rings) - 1, WHEEL_SIDES), Material.RUBBER, np.uint8)
     materials[3:] = Material.METAL
-    return painted(np.concatenate(rings), faces, np.repeat(colors.reshape(-1, 3), 2, 0), np.repeat(materials.ravel(), 2))
+    return painted(
+        np.concatenate(rings), faces, np.repeat(colors.reshape(-1, 3), 2, 0), np.repeat(materials.ravel(), 2)
+    )
 
 
 def _mirror(spec: CarSpec, profile: Profile, side: int) -> Mesh:
@@ -58,7 +62,7 @@ def _mirror(spec: CarSpec, profile: Profile, side: int) -> Mesh:
 
 
 def _plate(profile: Profile, end: int) -> Mesh:
-    x, y, z = end * profile.length / 2 + end * 0.012, PLATE_SIZE_M[0] / 2 * end, 0.28 * profile.height ** 0.5 * 1.25
+    x, y, z = end * profile.length / 2 + end * 0.012, PLATE_SIZE_M[0] / 2 * end, 0.28 * profile.height**0.5 * 1.25
     low, high = z - PLATE_SIZE_M[1] / 2, z + PLATE_SIZE_M[1] / 2
     return quad((x, -y, low), (x, y, low), (x, y, high), (x, -y, high), (0.62, 0.62, 0.58), Material.RETROREFLECTOR)
 
@@ -74,5 +78,3 @@ def _shut_line(profile: Profile, x: float, side: int) -> Mesh:
     grid = np.stack([np.stack([np.full(4, x + d), y, z], -1) for d in (-0.006, 0.006)])
     faces = grid_faces(2, 4, closed=False)
     return painted(grid.reshape(-1, 3), faces if side > 0 else faces[:, ::-1], DARK, Material.RUBBER)
-
-

@@ -16,15 +16,11 @@ from pcdet_avp.sim.mesh import Material, Mesh
 if TYPE_CHECKING:
     from pcdet_avp.sim.pedestrians import PedestrianSpec
 
-# Bone -> the bone it hangs on.
-BONES = {
-    "torso": None,
-    "head": "torso",
-    **{f"{side}_{bone}": parent and (parent if parent == "torso" else f"{side}_{parent}")
-       for side in ("left", "right")
-       for bone, parent in (("upper_arm", "torso"), ("forearm", "upper_arm"), ("thigh", None), ("shin", "thigh"),
-                            ("foot", "shin"))},
-}  # fmt: skip
+# Bone -> the bone it hangs on; parents come first.
+_LIMBS = {"upper_arm": "torso", "forearm": "upper_arm", "thigh": None, "shin": "thigh", "foot": "shin"}
+BONES: dict[str, str | None] = {"torso": None, "head": "torso"}
+for _side in ("left", "right"):
+    BONES |= {f"{_side}_{b}": f"{_side}_{p}" if p in _LIMBS else p for b, p in _LIMBS.items()}
 # Lengths as shares of the body height: adult, child.
 HEAD = {"adult": 0.135, "child": 0.165}
 LEG = {"adult": 0.50, "child": 0.47}  # hip joint above the floor
@@ -98,43 +94,61 @@ def _pole(ring: np.ndarray) -> np.ndarray:
 
 def _trunk(spec: PedestrianSpec) -> list[tuple[str, Mesh]]:
     h, b = spec.height, spec.build
-    top = (1 - HEAD[spec.kind] - LEG[spec.kind]) * h
-    half = SHOULDER_HALF[spec.kind] * h * b
-    hips = [(-0.055 * h, 0.03 * h, 0.055 * h, 0), (0.0, 0.060 * h * b, 0.092 * h * b, -0.004 * h),
-            (0.03 * h, 0.060 * h * b, 0.090 * h * b, 0)]  # fmt: skip
-    shirt = [(0.012 * h, 0.066 * h * b, 0.098 * h * b, -0.002 * h), (0.10 * h, 0.060 * h * b, 0.083 * h * b, 0.004 * h),
-             (0.20 * h, 0.070 * h * b, 0.096 * h * b, 0.006 * h), (top - 0.085 * h, 0.064 * h * b, 0.97 * half, 0),
-             (top - 0.052 * h, 0.052 * h * b, 0.96 * half, -0.004 * h), (top - 0.022 * h, 0.040 * h, 0.60 * half, -0.004 * h),
-             (top, 0.030 * h, 0.033 * h, 0.0)]  # fmt: skip
+    top = 1 - HEAD[spec.kind] - LEG[spec.kind]
+    shoulder = SHOULDER_HALF[spec.kind]
+    hips = [(-0.055, 0.03, 0.055, 0), (0.0, 0.060, 0.092, -0.004), (0.03, 0.060, 0.090, 0)]
+    shirt = [
+        (0.012, 0.066, 0.098, -0.002),
+        (0.10, 0.060, 0.083, 0.004),
+        (0.20, 0.070, 0.096, 0.006),
+        (top - 0.085, 0.064, 0.97 * shoulder, 0),
+        (top - 0.052, 0.052, 0.96 * shoulder, -0.004),
+        (top - 0.022, 0.040, 0.60 * shoulder, -0.004),
+        (top, 0.030, 0.033, 0.0),
+    ]
     parts = [
-        ("torso", _loft(hips, 12, spec.bottom, Material.CLOTH)),
-        ("torso", _loft(shirt, 12, spec.top, Material.CLOTH)),
+        ("torso", _loft(_scaled(hips, h, b), 12, spec.bottom, Material.CLOTH)),
+        ("torso", _loft(_scaled(shirt, h, b), 12, spec.top, Material.CLOTH)),
         ("head", _head(spec)),
         ("head", _hair(spec)),
     ]
     return parts + ([("torso", _backpack(spec, top))] if spec.backpack else [])
 
 
+def _scaled(levels, length: float, girth: float = 1.0) -> list[tuple[float, float, float, float]]:
+    """Levels in metres from levels in units of ``length``; only the cross section grows with ``girth``."""
+    return [(z * length, x * length * girth, y * length * girth, c * length) for z, x, y, c in levels]
+
+
 def _head(spec: PedestrianSpec) -> Mesh:
-    r = HEAD[spec.kind] * spec.height
-    profile = [(-0.25, 0.24, 0.25, -0.02), (0.0, 0.25, 0.25, 0.0), (0.08, 0.34, 0.27, 0.10), (0.28, 0.43, 0.34, 0.06),
-               (0.5, 0.46, 0.38, 0.02), (0.75, 0.42, 0.36, 0.0), (0.92, 0.25, 0.22, 0.0)]  # fmt: skip
-    return _loft([(z * r, x * r, y * r, c * r) for z, x, y, c in profile], 10, spec.skin, Material.SKIN)
+    levels = [
+        (-0.25, 0.24, 0.25, -0.02),
+        (0.0, 0.25, 0.25, 0.0),
+        (0.08, 0.34, 0.27, 0.10),
+        (0.28, 0.43, 0.34, 0.06),
+        (0.5, 0.46, 0.38, 0.02),
+        (0.75, 0.42, 0.36, 0.0),
+        (0.92, 0.25, 0.22, 0.0),
+    ]
+    return _loft(_scaled(levels, HEAD[spec.kind] * spec.height), 10, spec.skin, Material.SKIN)
 
 
 def _hair(spec: PedestrianSpec) -> Mesh:
-    r = HEAD[spec.kind] * spec.height
-    low = [(-0.12, 0.20, 0.34, -0.30), (0.2, 0.30, 0.41, -0.20)] if spec.long_hair else [(0.30, 0.28, 0.36, -0.17)]
-    profile = [*low, (0.5, 0.40, 0.415, -0.09), (0.66, 0.47, 0.41, -0.03), (0.85, 0.40, 0.34, -0.02), (1.0, 0.16, 0.14, -0.02)]
-    return _loft([(z * r, x * r, y * r, c * r) for z, x, y, c in profile], 10, spec.hair, Material.CLOTH)
+    long, short = [(-0.12, 0.20, 0.34, -0.30), (0.2, 0.30, 0.41, -0.20)], [(0.30, 0.28, 0.36, -0.17)]
+    crown = [(0.5, 0.40, 0.415, -0.09), (0.66, 0.47, 0.41, -0.03), (0.85, 0.40, 0.34, -0.02), (1.0, 0.16, 0.14, -0.02)]
+    levels = _scaled((long if spec.long_hair else short) + crown, HEAD[spec.kind] * spec.height)
+    return _loft(levels, 10, spec.hair, Material.CLOTH)
 
 
 def _backpack(spec: PedestrianSpec, top: float) -> Mesh:
-    h = spec.height
+    levels = [
+        (top - 0.27, 0.04, 0.07, -0.105),
+        (top - 0.24, 0.055, 0.085, -0.105),
+        (top - 0.12, 0.055, 0.085, -0.10),
+        (top - 0.06, 0.03, 0.06, -0.085),
+    ]
     color = tuple(0.6 * c + 0.02 for c in reversed(spec.top))
-    levels = [(top - 0.27 * h, 0.04 * h, 0.07 * h, -0.105 * h), (top - 0.24 * h, 0.055 * h, 0.085 * h, -0.105 * h),
-              (top - 0.12 * h, 0.055 * h, 0.085 * h, -0.10 * h), (top - 0.06 * h, 0.03 * h, 0.06 * h, -0.085 * h)]  # fmt: skip
-    return _loft(levels, 8, color, Material.CLOTH)
+    return _loft(_scaled(levels, spec.height), 8, color, Material.CLOTH)
 
 
 def _limbs(spec: PedestrianSpec) -> list[tuple[str, Mesh]]:
@@ -157,18 +171,21 @@ def _limbs(spec: PedestrianSpec) -> list[tuple[str, Mesh]]:
 def _tube(low: float, high: float, radii: tuple[float, float, float], sides: int, color, material) -> Mesh:
     """A limb with rounded ends: thin end, middle and thick end radius, from bottom to top."""
     thin, middle, thick = radii
-    levels = [(low - 0.5 * thin, 0.6 * thin), (low, thin), ((low + high) / 2, middle), (high, thick), (high + 0.55 * thick, 0.75 * thick), (high + 0.9 * thick, 0.35 * thick)]
+    levels = [(low - 0.5 * thin, 0.6 * thin), (low, thin), ((low + high) / 2, middle), (high, thick)]
+    levels += [(high + 0.55 * thick, 0.75 * thick), (high + 0.9 * thick, 0.35 * thick)]
     return _loft([(z, r, r, 0.0) for z, r in levels], sides, color, material)
 
 
 def _hand(spec: PedestrianSpec) -> Mesh:
-    h = spec.height
-    levels = [(-0.205 * h, 0.012 * h, 0.007 * h, 0.006 * h), (-0.17 * h, 0.025 * h, 0.013 * h, 0.004 * h), (-0.135 * h, 0.016 * h, 0.013 * h, 0)]
-    return _loft(levels, 6, spec.skin, Material.SKIN)
+    levels = [(-0.205, 0.012, 0.007, 0.006), (-0.17, 0.025, 0.013, 0.004), (-0.135, 0.016, 0.013, 0.0)]
+    return _loft(_scaled(levels, spec.height), 6, spec.skin, Material.SKIN)
 
 
 def _shoe(spec: PedestrianSpec) -> Mesh:
-    h = spec.height
-    levels = [(-0.04 * h, 0.066 * h, 0.024 * h, 0.034 * h), (-0.022 * h, 0.068 * h, 0.026 * h, 0.034 * h),
-              (-0.008 * h, 0.045 * h, 0.024 * h, 0.016 * h), (0.012 * h, 0.026 * h, 0.022 * h, 0.0)]  # fmt: skip
-    return _loft(levels, 8, spec.shoes, Material.RUBBER)
+    levels = [
+        (-0.04, 0.066, 0.024, 0.034),
+        (-0.022, 0.068, 0.026, 0.034),
+        (-0.008, 0.045, 0.024, 0.016),
+        (0.012, 0.026, 0.022, 0.0),
+    ]
+    return _loft(_scaled(levels, spec.height), 8, spec.shoes, Material.RUBBER)

@@ -41,32 +41,36 @@ def _ducts(layout: GarageLayout, rng: np.random.Generator) -> list[Mesh]:
     x0, x1, z = layout.road_start_x, layout.road_end_x, layout.ceiling_m
     side = 1 if rng.uniform() < 0.5 else -1
     deep = 0.06 * z
-    duct = box_mesh((x1 - x0, 0.9, deep), ((x0 + x1) / 2, side * (LANE_WIDTH_M + 3.2), z - 0.05 * z - deep / 2), ZINC, Material.METAL)
-    pipes = []
-    for k, color in enumerate((PIPE_RED, PIPE_GREY, PIPE_GREY)):
-        y, radius = -side * (LANE_WIDTH_M + 2.4 + 0.35 * k), 0.05 + 0.02 * (k == 0)
-        pipes.append(prism((x0, y, z - 0.06 * z), (x1, y, z - 0.06 * z), radius, 6, color, Material.CONCRETE))
-    return [duct, *pipes]
+    centre = ((x0 + x1) / 2, side * (LANE_WIDTH_M + 3.2), z - 0.05 * z - deep / 2)
+    meshes = [box_mesh((x1 - x0, 0.9, deep), centre, ZINC, Material.METAL)]
+    for k, (color, radius) in enumerate(((PIPE_RED, 0.07), (PIPE_GREY, 0.05), (PIPE_GREY, 0.05))):
+        y = -side * (LANE_WIDTH_M + 2.4 + 0.35 * k)
+        meshes.append(prism((x0, y, 0.94 * z), (x1, y, 0.94 * z), radius, 6, color, Material.CONCRETE))
+    return meshes
 
 
 def _signs(layout: GarageLayout) -> list[Mesh]:
     """Hanging direction signs before the junction and a way-out sign on the wall behind the mast."""
-    z = min(4.2, layout.ceiling_m - 0.5)
-    meshes = []
-    for x, color in ((layout.junction_x - 7.0, SIGN_BLUE), (layout.junction_x - 47.0, SIGN_BLUE)):
-        y = -LANE_WIDTH_M / 2
-        meshes.append(box_mesh((0.08, 1.6, 0.4), (x, y, z), color, Material.PAINT))
-        meshes += _arrow_on(x - 0.045, y + 0.45, z)
-        meshes += [box_mesh((0.03, 0.03, layout.ceiling_m - z), (x, y + s, (layout.ceiling_m + z) / 2), ZINC, Material.METAL) for s in (-0.7, 0.7)]
     way_out = box_mesh((0.06, 1.0, 0.35), (layout.road_end_x - 0.03, 2.6, 2.4), SIGN_GREEN, Material.PAINT)
-    return [*meshes, way_out]
+    boards = [mesh for before in (7.0, 47.0) for mesh in _hanging_sign(layout.junction_x - before, layout.ceiling_m)]
+    return [way_out, *boards]
 
 
-def _arrow_on(x: float, y: float, z: float) -> list[Mesh]:
-    """A white arrow to the right and a bar of lettering on a board that faces -x."""
-    white, material = SIGN_WHITE, Material.RETROREFLECTOR
-    bar = quad((x, y, z - 0.04), (x, y - 0.5, z - 0.04), (x, y - 0.5, z + 0.04), (x, y, z + 0.04), white, material)
-    head = Mesh.flat([(x, y - 0.45, z - 0.12), (x, y - 0.65, z), (x, y - 0.45, z + 0.12)], [[0, 1, 2]], white, material)
-    letters = [quad((x, y - a, z - 0.08), (x, y - a - 0.09, z - 0.08), (x, y - a - 0.09, z + 0.08), (x, y - a, z + 0.08), white, material)
-               for a in (0.85, 1.0)]
-    return [bar, head, *letters]
+def _hanging_sign(x: float, ceiling: float) -> list[Mesh]:
+    """A board across the ego's lane, 4 m up where the ceiling allows, on two rods."""
+    y, z = -LANE_WIDTH_M / 2, min(4.2, ceiling - 0.5)
+    board = box_mesh((0.08, 1.6, 0.4), (x, y, z), SIGN_BLUE, Material.PAINT)
+    rod = (0.03, 0.03, ceiling - z)
+    rods = [box_mesh(rod, (x, y + s, (ceiling + z) / 2), ZINC, Material.METAL) for s in (-0.7, 0.7)]
+    return [board, *rods, *_lettering(x - 0.045, y, z)]
+
+
+def _lettering(x: float, y: float, z: float) -> list[Mesh]:
+    """A white arrow to the right and two letters' bars on a board that faces -x; metres to the right of its middle."""
+    bars = [(-0.45, 0.05, 0.04), (0.40, 0.49, 0.08), (0.55, 0.64, 0.08)]
+    meshes = [
+        quad(*((x, y - a, z + b) for a, b in ((s, -h), (e, -h), (e, h), (s, h))), SIGN_WHITE, Material.RETROREFLECTOR)
+        for s, e, h in bars
+    ]
+    head = [(x, y, z - 0.12), (x, y - 0.2, z), (x, y, z + 0.12)]
+    return [*meshes, Mesh.flat(head, [[0, 1, 2]], SIGN_WHITE, Material.RETROREFLECTOR)]

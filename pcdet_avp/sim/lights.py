@@ -22,6 +22,7 @@ SMOOTH_AT_M = 1.0  # height at which the smooth part of the light is taken
 BOUNCE = 0.22  # share of a lamp's light that comes back from the surfaces around it
 KEY = 0.18  # signal of a mid-grey floor under healthy lamps at exposure 1
 HEADLAMP_HEIGHT_M = 0.66
+HALOGEN = (1.0, 0.94, 0.84)
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ class LightField:
     origin (2,): the corner of cell (0, 0), metres. lamps (nx, ny, LAMPS_PER_CELL, 5): x, y, z, intensity and number
     of the lamps near a cell, strongest first, intensity 0 where there are no more.
     smooth (nx, ny, 4): light bounced by all surfaces, and the vector sum of the direct light of lamps beyond
-    ``NEAR_M``. tint (L + 1, 3): colour of each lamp, and last of all of them together. height: mean of the lamps'.
+    ``NEAR_M``. tint (L + 2, 3): colour of each lamp, of all together, of head lamps. height: mean of the lamps'.
     floor_light: irradiance of the floor under healthy lamps, the unit of ``ambient`` and of the exposure.
     """
 
@@ -94,9 +95,9 @@ class LightField:
 @lru_cache(maxsize=16)
 def _light_field(lamps: tuple[Lamp, ...], ambient: float) -> LightField:
     rows = np.array([(a.x, a.y, a.z, a.intensity, k) for k, a in enumerate(lamps)], np.float32).reshape(-1, 5)
-    tint = np.array([a.tint for a in lamps] + [(1.0, 1.0, 1.0)], np.float32)
+    tint = np.array([*(a.tint for a in lamps), (1.0, 1.0, 1.0), HALOGEN], np.float32)
     if rows[:, 3].sum() > 0:
-        tint[-1] = rows[:, 3] @ tint[:-1] / rows[:, 3].sum()
+        tint[-2] = rows[:, 3] @ tint[:-2] / rows[:, 3].sum()
     origin, centres = _cells(rows)
     floor_light = _healthy_floor_light(rows)
     height = float(rows[:, 2].mean()) if len(lamps) else 3.0

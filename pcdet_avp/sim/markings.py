@@ -51,12 +51,11 @@ def _slot_lines(slot: Slot, color) -> Mesh:
 
 def _centre_line(layout: GarageLayout) -> Mesh:
     """Dashes 2 m long, 4 m apart, along both roads, none at the junction."""
-    clear = LANE_WIDTH_M + 0.5
-    x = [v for v in np.arange(layout.road_start_x + 1, layout.road_end_x - 2, 4.0) if abs(v + 1 - layout.junction_x) > clear]
+    half, junction = LINE_M / 2, layout.junction_x
+    x = np.arange(layout.road_start_x + 1, layout.road_end_x - 2, 4.0)
+    along = [(v, -half, v + 2, half) for v in x if abs(v + 1 - junction) > LANE_WIDTH_M + 0.5]
     y = np.arange(layout.side_road_end_y + 1, -LANE_WIDTH_M - 3, 4.0)
-    boxes = [(v, -LINE_M / 2, v + 2, LINE_M / 2) for v in x]
-    boxes += [(layout.junction_x - LINE_M / 2, v, layout.junction_x + LINE_M / 2, v + 2) for v in y]
-    return _rectangles(boxes, WHITE)
+    return _rectangles(along + [(junction - half, v, junction + half, v + 2) for v in y], WHITE)
 
 
 def _edge_lines(layout: GarageLayout) -> Mesh:
@@ -72,8 +71,9 @@ def _junction(layout: GarageLayout) -> Mesh:
     """A zebra across the straight road before the junction and give-way teeth at the side road's mouth."""
     x = layout.junction_x - LANE_WIDTH_M - 4.5
     zebra = [(x, y, x + 3.0, y + 0.45) for y in np.arange(-LANE_WIDTH_M + 0.35, LANE_WIDTH_M - 0.4, 0.95)]
-    teeth = np.array([[(v, -3.9), (v + 0.25, -4.5), (v + 0.5, -3.9), (v + 0.25, -3.9)] for v in layout.junction_x + 0.25 + 0.75 * np.arange(4)])
-    return Mesh.merge([_rectangles(zebra, WHITE), _polygons(teeth, WHITE)])
+    tooth = np.array([(0, -3.9), (0.25, -4.5), (0.5, -3.9), (0.25, -3.9)])
+    teeth = [tooth + (layout.junction_x + 0.25 + 0.75 * k, 0) for k in range(4)]
+    return Mesh.merge([_rectangles(zebra, WHITE), _polygons(np.array(teeth), WHITE)])
 
 
 def _arrows(layout: GarageLayout) -> Mesh:

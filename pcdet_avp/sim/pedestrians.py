@@ -53,7 +53,8 @@ class PedestrianSpec:
         if self.kind not in HEIGHT_M:
             raise GeometryError(f"pedestrian: unknown kind {self.kind!r}; known: {', '.join(HEIGHT_M)}")
         if not min(self.height, self.box_side, self.build) > 0:
-            raise GeometryError(f"pedestrian: sizes must be positive, found {self.height}, {self.box_side}, {self.build}")
+            found = f"{self.height}, {self.box_side}, {self.build}"
+            raise GeometryError(f"pedestrian: height, box side and build must be positive, found {found}")
 
     @property
     def size(self) -> tuple[float, float, float]:
