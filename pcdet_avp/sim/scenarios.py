@@ -33,7 +33,7 @@ class EgoZone:
 
     share: float  # of the scenes
     before_mast_m: tuple[float, float]
-    junction_share: float  # of these scenes have a car turning at the junction
+    junction_share: float  # of these scenes have cars turning at the junction
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,9 @@ class SceneConfig:
     garage: GarageConfig = field(default_factory=GarageConfig)
     # The maps of ego and mast overlap well in the first zone, partly or not at all in the others.
     zones: tuple[EgoZone, ...] = (
-        EgoZone(0.73, (14.0, 44.0), 0.42),
+        EgoZone(0.75, (14.0, 44.0), 0.42),
         EgoZone(0.15, (2.0, 14.0), 0.42),
-        EgoZone(0.12, (44.0, 110.0), 0.1),
+        EgoZone(0.10, (44.0, 110.0), 0.1),
     )
     ego_speed_m_s: tuple[float, float] = (1.0, 5.0)
     occupancy: tuple[float, float] = (0.6, 0.92)  # share of the slots that hold a car
@@ -56,7 +56,8 @@ class SceneConfig:
     in_gap: tuple[int, int] = (3, 6)  # how many people or cars, both ends included
     crossing: tuple[int, int] = (2, 4)
     along: tuple[int, int] = (0, 2)
-    on_side_road: tuple[int, int] = (0, 2)
+    on_side_road: tuple[int, int] = (0, 3)
+    at_junction: tuple[int, int] = (1, 2)
     same_lane: tuple[int, int] = (0, 1)
     opposite_lane: tuple[int, int] = (0, 2)
 
@@ -93,10 +94,10 @@ def draw_training_scene(rng: np.random.Generator, cfg: SceneConfig | None = None
 
 
 def _draw_ego(rng, cfg: SceneConfig, layout: GarageLayout, zone: EgoZone, duration: float) -> Route:
-    """Straight on in the ego's lane, a little off its middle; all frames lie inside the zone."""
+    """Straight on in the ego's lane, a little off its middle; all frames lie inside the zone, more in its far part."""
     near, far = zone.before_mast_m
     way = min(rng.uniform(*cfg.ego_speed_m_s) * duration, 0.9 * (far - near))
-    x = -rng.uniform(near + way, far)
+    x = -(near + way + (far - near - way) * rng.beta(1.5, 1.0))
     y, yaw = np.clip(rng.normal(0, 0.1), -0.25, 0.25), np.clip(rng.normal(0, 0.008), -0.02, 0.02)
     speed = way / duration if duration > 0 else 0.0
     return Route(Path.from_pose(float(x), float(layout.lane_y + y), float(yaw)).straight(float(way)), float(speed))
@@ -119,7 +120,8 @@ class _Cast:
     def draw(self, zone: EgoZone) -> list[Actor]:
         rng, layout, cfg = self.rng, self.layout, self.cfg
         if rng.random() < zone.junction_share:
-            self._add_car(lambda: draw_junction_route(rng, layout, self.middle_s))
+            for _ in range(rng.integers(cfg.at_junction[0], cfg.at_junction[1] + 1)):
+                self._add_car(lambda: draw_junction_route(rng, layout, self.middle_s))
         for same_way, count in ((True, cfg.same_lane), (False, cfg.opposite_lane)):
             for _ in range(rng.integers(count[0], count[1] + 1)):
                 self._add_car(lambda way=same_way: draw_lane_route(rng, layout, self._x(), way))

@@ -32,7 +32,7 @@ def _parked_pose(rng: np.random.Generator, slot: Slot, spec: CarSpec) -> Standin
     aside = max((SLOT_WIDTH_M - spec.width) / 2 - SLOT_CLEARANCE_M, 0.0)
     along = max((SLOT_DEPTH_M - spec.length) / 2 - SLOT_CLEARANCE_M / 2, 0.0)
     x = slot.x + np.clip(rng.normal(0, 0.15), -aside, aside)
-    y = slot.y + rng.uniform(-along, along)
+    y = slot.y + along * (2 * rng.beta(0.5, 0.5) - 1)  # few in the middle: most are driven right in, or just in
     turned = np.pi if rng.random() < 0.5 else 0.0
     return Standing(float(x), float(y), slot.heading + turned + float(np.clip(rng.normal(0, 0.015), -0.03, 0.03)))
 

@@ -10,7 +10,7 @@ from pcdet_avp.sim.actors import Car
 from pcdet_avp.sim.garage import LANE_WIDTH_M, GarageLayout, Slot
 from pcdet_avp.sim.trajectories import Pacing, Standing
 
-DEPTH_SKEW = 2.5  # 1 spreads people evenly over the depth of a gap, more draws them towards its mouth
+DEPTH_SKEW = 2.6  # 1 spreads people evenly over the depth of a gap, more draws them towards its mouth
 WALKING_SPEED_M_S = (0.7, 1.8)
 EDGE_Y_M = (3.0, 3.25)  # those who walk along the road keep this far from its axis
 SIDE_WALK_Y_M = (-17.0, -4.0)  # those who walk along the side road turn somewhere in here
