@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 MIRROR_REACH_M = 0.05  # how far a mirror stands out from the body's side
 ARCH_GAP_M = 0.05  # between tyre and wheel arch
+CAP_BULGE_M = 0.008  # of the end walls' middle
 DARK = (0.02, 0.02, 0.022)  # unpainted plastic, shut lines, grilles
 GLASS = (0.02, 0.024, 0.026)
 
@@ -90,7 +91,7 @@ class Profile:
         forward = np.clip((x - self.cowl) / (half - self.cowl), 0, 1)
         backward = np.clip((self.tail_glass - x) / max(half + self.tail_glass, 1e-3), 0, 1)
         belt = belt - (s.cowl_z - s.nose_z) * h * forward**1.7 - (s.deck_z - s.tail_z) * h * backward**2
-        return belt - 0.07 * np.exp(-(half - np.abs(x)) / 0.05)
+        return belt - 0.07 * np.exp(-(half - np.abs(x)) / 0.10)
 
     def arch(self, x: np.ndarray) -> np.ndarray:
         """Height of the sill at x, raised to the wheel arches' edge."""
@@ -119,7 +120,7 @@ def body_mesh(spec: CarSpec) -> Mesh:
 def _lower_stations(profile: Profile) -> np.ndarray:
     reach, half = profile.radius + ARCH_GAP_M, profile.length / 2
     arc = reach * np.array([-1.001, -0.999, -0.8, -0.35, 0.35, 0.8, 0.999, 1.001])
-    ends = np.array([0.0, 0.03, 0.12, 0.32])
+    ends = np.array([0.0, 0.05, 0.14, 0.32])
     middle = [profile.tail_glass + 0.02, profile.cowl - 0.02, profile.cowl + 0.15]
     x = np.concatenate([ends - half, half - ends, profile.front_axle + arc, profile.rear_axle + arc, middle])
     return np.unique(np.clip(x, -half, half).round(4))
@@ -176,7 +177,7 @@ def _cap(spec: CarSpec, half: np.ndarray, front: bool) -> Mesh:
     """The end wall: a ladder of rows from bottom to top, three quads wide."""
     share = np.array([1.0, 0.62, -0.62, -1.0] if front else [-1.0, -0.66, 0.66, 1.0])
     grid = np.repeat(half[1:, None], 4, axis=1) * np.stack([np.ones(4), share, np.ones(4)], -1)
-    grid[..., 0] += 0.02 * np.sign(half[0, 0]) * (np.abs(share) < 0.9) * 0.4
+    grid[1:-1, 1:-1, 0] += np.sign(half[0, 0]) * CAP_BULGE_M
     faces = grid_faces(len(grid), 4, closed=False)[:, ::-1]
     colors, materials = _cap_paint(spec, len(grid) - 1, front)
     return painted(grid.reshape(-1, 3), faces, colors, materials, crease=0.3)

@@ -57,8 +57,8 @@ def _signs(layout: GarageLayout) -> list[Mesh]:
 
 
 def _hanging_sign(x: float, ceiling: float) -> list[Mesh]:
-    """A board across the ego's lane, 4 m up where the ceiling allows, on two rods."""
-    y, z = -LANE_WIDTH_M / 2, min(4.2, ceiling - 0.5)
+    """A board across the ego's lane, too high to hide anybody in the map from the mast, on two rods."""
+    y, z = -LANE_WIDTH_M / 2, min(5.7, ceiling - 0.5)
     board = box_mesh((0.08, 1.6, 0.4), (x, y, z), SIGN_BLUE, Material.PAINT)
     rod = (0.03, 0.03, ceiling - z)
     rods = [box_mesh(rod, (x, y + s, (ceiling + z) / 2), ZINC, Material.METAL) for s in (-0.7, 0.7)]
