@@ -1,0 +1,103 @@
+"""What a segment says about itself: which capture the map shows, how it is written, and which cells it carries."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcdet_avp.errors import PacketError
+from pcdet_avp.link.precision import LARGEST_EXPONENT, PRECISIONS
+from pcdet_avp.structures.pose import Pose
+
+MODALITIES = ("camera", "lidar")
+# Largest map that is sent or read: 64 channels of 376 x 280 cells fit, an announced gigabyte does not.
+MAX_ELEMENTS = 1 << 23
+
+
+@dataclass(frozen=True)
+class MapStamp:
+    """Which capture a map shows: frame id, time in microseconds, modality, and the planar pose world_from_agent.
+
+    The pose travels, and is kept here, as float32: metres, metres, radians.
+    """
+
+    frame_id: int
+    time_us: int
+    modality: str
+    x_m: float
+    y_m: float
+    yaw_rad: float
+
+    def __post_init__(self) -> None:
+        if self.modality not in MODALITIES:
+            raise PacketError(f"modality: expected one of {', '.join(MODALITIES)}, found {self.modality!r}")
+        if not 0 <= self.frame_id < 1 << 32 or not 0 <= self.time_us < 1 << 64:
+            raise PacketError(f"frame id {self.frame_id} or time {self.time_us} us is outside 32 or 64 bits")
+        with np.errstate(over="ignore"):
+            pose = [float(np.float32(getattr(self, name))) for name in ("x_m", "y_m", "yaw_rad")]
+        if not np.isfinite(pose).all():
+            raise PacketError(f"pose: expected finite x, y and yaw, found {pose}")
+        for name, value in zip(("x_m", "y_m", "yaw_rad"), pose, strict=True):
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def at_pose(cls, frame_id: int, time_us: int, modality: str, world_from_agent: Pose) -> MapStamp:
+        """From a pose; height, roll and pitch do not travel."""
+        x, y = world_from_agent.translation[:2]
+        return cls(frame_id, time_us, modality, float(x), float(y), world_from_agent.yaw)
+
+    @property
+    def world_from_agent(self) -> Pose:
+        """The sender's pose in the plane."""
+        return Pose.from_xyz_yaw(self.x_m, self.y_m, yaw=self.yaw_rad)
+
+
+@dataclass(frozen=True)
+class MapFormat:
+    """How a map (channels, height, width) is written; int8 has, per channel, the exponent of its power of two."""
+
+    channels: int
+    height: int
+    width: int
+    precision: str
+    exponents: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.precision not in PRECISIONS:
+            raise PacketError(f"precision: expected one of {', '.join(PRECISIONS)}, found {self.precision!r}")
+        if not (0 < self.channels < 1 << 8 and 0 < self.height < 1 << 16 and 0 < self.width < 1 << 16):
+            raise PacketError(f"map shape: expected 1-255 channels and 1-65535 rows and columns, found {self.shape}")
+        if self.channels * self.cells > MAX_ELEMENTS:
+            raise PacketError(f"map shape: {self.shape} is more than {MAX_ELEMENTS} elements")
+        expected = self.channels if self.precision == "int8" else 0
+        if len(self.exponents) != expected or any(abs(e) > LARGEST_EXPONENT for e in self.exponents):
+            raise PacketError(
+                f"{self.precision} map: expected {expected} exponents of -120 to 120, found {self.exponents}"
+            )
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(C, H, W)."""
+        return self.channels, self.height, self.width
+
+    @property
+    def cells(self) -> int:
+        """H * W."""
+        return self.height * self.width
+
+
+@dataclass(frozen=True)
+class SegmentHeader:
+    """Cells [first_cell, first_cell + cell_count) of a map, in raster order."""
+
+    stamp: MapStamp
+    format: MapFormat
+    first_cell: int
+    cell_count: int
+
+    def __post_init__(self) -> None:
+        if self.cell_count < 1 or self.first_cell < 0 or self.first_cell + self.cell_count > self.format.cells:
+            raise PacketError(
+                f"segment: {self.cell_count} cells from {self.first_cell} do not lie in a map of {self.format.cells}"
+            )

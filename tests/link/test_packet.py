@@ -1,0 +1,165 @@
+"""Round trips, subsets, sizes and the frozen wire format."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pcdet_avp.errors import PacketError
+from pcdet_avp.link import MapStamp, decode, encode, rounded
+from pcdet_avp.link.packet import decode_segment
+from pcdet_avp.link.segment import overhead_bytes
+
+FULL_SIZE = (8, 188, 140)
+
+
+@given(
+    st.tuples(st.integers(1, 9), st.integers(1, 12), st.integers(1, 12)),
+    st.sampled_from([0.0, 0.02, 0.15, 0.6, 1.0]),
+    st.sampled_from(["float16", "int8"]),
+    st.integers(300, 2000),
+    st.integers(0, 2**32 - 1),
+)
+def test_decode_of_encode_is_the_rounded_map(shape, share, precision, limit, seed):
+    rng = np.random.default_rng(seed)
+    latent = rng.normal(size=shape) * (rng.random(shape) < share) * 10.0 ** rng.integers(-6, 4)
+    payloads = encode(latent, STAMP, limit, precision)
+    decoded = decode(payloads)
+    np.testing.assert_array_equal(decoded.values, rounded(latent, precision))
+    assert decoded.present.all()
+    assert decoded.stamp == STAMP
+    assert max(map(len, payloads)) <= limit
+
+
+STAMP = MapStamp(frame_id=7, time_us=350_000, modality="lidar", x_m=12.5, y_m=-3.25, yaw_rad=0.5)
+
+
+@given(st.sets(st.integers(0, 30), min_size=1), st.sampled_from(["float16", "int8"]), st.randoms())
+def test_any_segments_in_any_order_give_their_cells_and_no_others(kept, precision, random):
+    latent = dense_blob()
+    payloads = encode(latent, STAMP, 400, precision)
+    chosen = [payloads[k % len(payloads)] for k in kept]
+    random.shuffle(chosen)
+    decoded, expected = decode(chosen), rounded(latent, precision)
+    cells = sum(decode_segment(p).header.cell_count for p in set(chosen))
+    assert decoded.present.sum() == cells
+    np.testing.assert_array_equal(decoded.values, np.where(decoded.present, expected, 0))
+
+
+def dense_blob():
+    """A map with an empty frame, a dense middle whose rows exceed a small block, and smooth values."""
+    y, x = np.mgrid[-1:1:40j, -1:1:60j]
+    latent = np.stack([np.cos(3 * x + k) * (1.2 - y) for k in range(6)]).astype(np.float32)
+    return np.where(x * x + y * y < 0.5, latent, 0)
+
+
+def test_segments_cut_the_cells_without_gap_or_overlap_even_within_a_dense_row():
+    payloads = encode(dense_blob(), STAMP, 400)
+    headers = [decode_segment(p).header for p in payloads]
+    assert [h.first_cell for h in headers[1:]] == [h.first_cell + h.cell_count for h in headers[:-1]]
+    assert headers[-1].first_cell + headers[-1].cell_count == 40 * 60
+    assert any(h.cell_count < 60 for h in headers)
+
+
+def test_a_dense_row_of_the_papers_map_takes_more_than_one_block(make_map):
+    """140 columns x 8 channels x 2 B = 2240 B: four blocks of MCS 7, 674 B each."""
+    latent = make_map(np.random.default_rng(0), (8, 1, 140), 1.0)
+    assert len(encode(latent, STAMP, 674)) == 4
+
+
+def test_an_empty_map_is_one_short_segment_that_says_every_cell_is_there():
+    payloads = encode(np.zeros(FULL_SIZE, np.float32), STAMP, 2532)
+    assert [len(p) < 45 + 30 for p in payloads] == [True]
+    decoded = decode(payloads)
+    assert decoded.present.all()
+    assert not decoded.values.any()
+
+
+@pytest.mark.parametrize("precision", ["float16", "int8"])
+def test_the_worst_map_costs_an_eighth_more_than_plain_values(precision):
+    """Nothing can be saved on evenly spread codes of a dense map; what the coder loses on it is bounded."""
+    rng = np.random.default_rng(3)
+    if precision == "float16":
+        codes = (rng.integers(0, 31 << 10, FULL_SIZE) | rng.integers(0, 2, FULL_SIZE) << 15).astype(np.uint16)
+        latent, plain = codes.view(np.float16), 2 * codes.size
+    else:
+        latent, plain = rng.integers(-127, 128, FULL_SIZE).astype(np.float32), np.prod(FULL_SIZE)
+    assert sum(map(len, encode(latent, STAMP, 3875, precision))) < 1.125 * plain
+
+
+def test_headers_are_as_long_as_documented():
+    """33 B common, 12 B own; int8 adds a byte per channel. Everything else is mask and values."""
+    tiny = np.ones((8, 1, 1), np.float32)
+    header = decode_segment(encode(tiny, STAMP, 500)[0]).header
+    assert overhead_bytes(header.format) == 45
+    assert overhead_bytes(decode_segment(encode(tiny, STAMP, 500, "int8")[0]).header.format) == 53
+
+
+def test_the_wire_format_is_frozen():
+    """A change of these bytes is a new format: raise VERSION and write them anew."""
+    latent = np.zeros((2, 2, 3), np.float32)
+    latent[0, 0, 1], latent[1, 0, 1], latent[1, 1, 2] = 1.0, -0.5, 3.25
+    (payload,) = encode(latent, STAMP, 500)
+    assert payload[:33].hex() == (
+        "4156"  # AV
+        "01"  # version 1
+        "01"  # lidar, float16
+        "07000000"
+        "3057050000000000"
+        "00004841" "000050c0" "0000003f"  # 12.5, -3.25, 0.5
+        "02" "0200" "0300"
+    )  # fmt: skip
+    assert payload[33:41].hex() == "0000000006000000"
+    assert payload[41:].hex() == "73ffe70009ff31e0" + "3f43c241"  # body, CRC-32
+
+
+def test_pose_travels_in_the_plane(stamp):
+    decoded = decode(encode(np.zeros((1, 2, 2), np.float32), stamp, 500))
+    pose = decoded.stamp.world_from_agent
+    np.testing.assert_allclose(pose.translation, [12.5, -3.25, 0])
+    assert pose.yaw == pytest.approx(0.5)
+    again = MapStamp.at_pose(7, 350_000, "lidar", pose)
+    assert again == stamp
+
+
+@pytest.mark.parametrize(
+    ("latent", "limit", "message"),
+    [
+        (np.zeros((2, 3)), 500, "expected floats"),
+        (np.zeros((2, 3, 3), int), 500, "expected floats"),
+        (np.zeros((0, 3, 3)), 500, "1-255 channels"),
+        (np.zeros((300, 3, 3)), 500, "1-255 channels"),
+        (np.ones((8, 3, 3)), 40, "cannot hold a cell"),
+        (np.ones((255, 2, 2)), 80, "cannot hold a cell"),
+    ],
+)
+def test_a_map_that_cannot_be_sent_is_refused(latent, limit, message):
+    with pytest.raises(PacketError, match=message):
+        encode(latent, STAMP, limit)
+
+
+def test_exponents_must_fit_the_channels():
+    with pytest.raises(PacketError, match="2 exponents"):
+        encode(np.ones((2, 2, 2)), STAMP, 500, "int8", np.zeros(3, int))
+
+
+def test_segments_of_different_maps_do_not_mix(stamp):
+    ours = encode(np.zeros((1, 2, 2), np.float32), stamp, 500)
+    theirs = encode(np.zeros((1, 2, 2), np.float32), MapStamp(8, 0, "lidar", 0, 0, 0), 500)
+    with pytest.raises(PacketError, match="its map"):
+        decode(ours + theirs)
+
+
+def test_decoding_needs_a_segment():
+    with pytest.raises(PacketError, match="at least one"):
+        decode([])
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"frame_id": -1}, {"frame_id": 1 << 32}, {"time_us": -1}, {"modality": "radar"}, {"x_m": np.nan}, {"y_m": 1e39}],
+)
+def test_a_stamp_that_cannot_travel_is_refused(change):
+    values = {"frame_id": 1, "time_us": 1, "modality": "lidar", "x_m": 0.0, "y_m": 0.0, "yaw_rad": 0.0}
+    with pytest.raises(PacketError):
+        MapStamp(**values | change)
