@@ -14,7 +14,7 @@ import torch
 from torch import Tensor, nn
 
 from pcdet_avp.errors import ConfigError
-from pcdet_avp.models.pixel_bags import full_precision
+from pcdet_avp.models.precision import full_precision
 
 NORMS = ("group", "batch", "frozen_batch")
 CHANNELS_PER_GROUP = 8

@@ -51,6 +51,12 @@ def test_scale_norm_brings_the_present_cells_to_unit_power_and_keeps_zero():
     assert norm(torch.zeros_like(x), torch.zeros_like(present)).eq(0).all()
 
 
+def test_scale_norm_of_an_empty_map_has_finite_gradients():
+    x = torch.zeros(1, 4, 3, 3, requires_grad=True)
+    ScaleNorm(4)(x, torch.ones(1, 1, 3, 3, dtype=torch.bool)).sum().backward()
+    assert x.grad.isfinite().all()
+
+
 @pytest.mark.parametrize(("trained", "own"), [("batch", "group"), ("group", "batch"), ("frozen_batch", "group")])
 def test_weights_of_another_norm_are_left_out_and_named(trained, own):
     def network(kind):

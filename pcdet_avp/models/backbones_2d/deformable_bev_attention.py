@@ -16,14 +16,7 @@ from torch.nn import functional as F
 
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.models.norm import ScaleNorm
-from pcdet_avp.models.pixel_bags import (
-    add_table_gradient,
-    bag_sum,
-    bag_sum_with_weight_gradient,
-    corner_offsets,
-    full_precision,
-    without_autocast,
-)
+from pcdet_avp.models.precision import full_precision
 
 
 class DeformableBevAttention(nn.Module):
@@ -97,54 +90,17 @@ def deformable_sum(values: Tensor, places: Tensor, scores: Tensor) -> Tensor:
     """Weighted sums of bilinear samples, zero outside the map.
 
     values (B, H, W, M, d), places (B, h, w, M, K, 2) column and row in cells, scores (B, h, w, M, K)
-    -> (B, h, w, M, d), at least in float32, whatever precision is automatic around it.
+    -> (B, h, w, M, d), at least in float32, whatever precision is automatic around it. Heads are images of their own.
     """
     b, height, width, heads, d = values.shape
+    h, w, points = scores.shape[1], scores.shape[2], scores.shape[4]
     with torch.autocast(values.device.type, enabled=False):
         values, places, scores = (full_precision(t) for t in (values, places, scores))
-        table = F.pad(values, (0, 0, 0, 0, 1, 1, 1, 1)).view(-1, d)
-        limit = places.new_tensor([width, height])
-        places = torch.minimum(places.clamp_min(-1), limit) + 1  # in the padded map
-        start = torch.arange(b, device=places.device)[:, None] * (height + 2) * (width + 2) * heads
-        start = (start + torch.arange(heads, device=places.device)).view(b, 1, 1, heads, 1)
-        sums = _DeformableSum.apply(table, places, scores, start, (height + 2, width + 2))
-    return sums.view(*scores.shape[:4], d)
-
-
-class _DeformableSum(torch.autograd.Function):
-    """table (B * H * W * M, d) of the padded map; start (B, 1, 1, M, 1) row of each map's and head's first cell."""
-
-    @staticmethod
-    def forward(ctx, table, places, scores, start, size):
-        heads = places.shape[3]
-        lower = places.floor()
-        lower[..., 0].clamp_(max=size[1] - 2)
-        lower[..., 1].clamp_(max=size[0] - 2)
-        u, v = (places - lower).unbind(-1)
-        col, row = lower.to(torch.int32).unbind(-1)
-        first = ((row * size[1] + col) * heads + start.to(torch.int32)).view(-1, places.shape[4])
-        corners = corner_offsets(size[1], heads, first)
-        ctx.save_for_backward(table, scores, u, v, first, corners)
-        return bag_sum(table, first, _bilinear(u, v, scores), corners)
-
-    @staticmethod
-    @without_autocast
-    def backward(ctx, grad):
-        table, scores, u, v, first, corners = ctx.saved_tensors
-        weights = _bilinear(u, v, scores)
-        _, d_weights = bag_sum_with_weight_gradient(table, first, weights, corners, grad)
-        d_table = torch.zeros_like(table)
-        add_table_gradient(d_table, first, weights, corners, grad)
-        a, b, c, d = d_weights.view(*scores.shape, 4).unbind(-1)
-        above, below = a + u * (b - a), c + u * (d - c)
-        d_u = scores * ((b - a) + v * (d - c - b + a))
-        d_places = torch.stack([d_u, scores * (below - above)], -1)
-        return d_table, d_places, above + v * (below - above), None, None
-
-
-def _bilinear(u: Tensor, v: Tensor, scores: Tensor) -> Tensor:
-    """(bags, K, 4) score times the weights of the upper left, upper right, lower left and lower right cell."""
-    below = v * scores
-    above = scores - below
-    weights = torch.stack([above - u * above, u * above, below - u * below, u * below], -1)
-    return weights.view(-1, *weights.shape[-2:])
+        images = values.permute(0, 3, 4, 1, 2).reshape(b * heads, d, height, width)
+        size = places.new_tensor([width, height])
+        grid = places * (2 / size) + (1 / size - 1)  # the outer borders of the map are -1 and 1
+        grid = grid.permute(0, 3, 1, 2, 4, 5).reshape(b * heads, h * w, points, 2)
+        samples = F.grid_sample(images, grid, align_corners=False)
+        scores = scores.permute(0, 3, 1, 2, 4).reshape(b * heads, 1, h * w, points)
+        sums = (samples * scores).sum(-1)
+    return sums.view(b, heads, d, h, w).permute(0, 3, 4, 1, 2)

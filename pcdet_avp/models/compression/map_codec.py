@@ -11,7 +11,7 @@ from torch.nn import functional as F
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.models.compression.rounding import PRECISIONS, round_to
 from pcdet_avp.models.compression.sparsify import CellThreshold
-from pcdet_avp.models.pixel_bags import full_precision
+from pcdet_avp.models.precision import full_precision
 
 
 class MapCodec(nn.Module):

@@ -15,16 +15,17 @@ import torch
 from torch import Tensor
 
 from pcdet_avp.models.backbones_2d.map_to_bev.camera_rays import CameraRays
-from pcdet_avp.models.pixel_bags import (
+from pcdet_avp.models.backbones_2d.map_to_bev.pixel_bags import (
     add_table_gradient,
     bag_sum,
     bag_sum_with_weight_gradient,
     corner_offsets,
-    without_autocast,
 )
+from pcdet_avp.models.precision import without_autocast
 
 SAMPLINGS = ("trilinear", "factorised", "nearest")
 CHUNK_VOXELS = 1 << 16  # at a time: 16 MiB per tensor at 64 channels
+GPU_CHUNK_VOXELS = 1 << 20  # a GPU has the memory, and would wait for the many small steps
 
 
 def frustum_collapse(
@@ -76,15 +77,16 @@ class _Chunk:
     def __init__(self, rays: CameraRays, part: slice, sampling: str, slots: int) -> None:
         """``slots`` is the width D + 2 of the padded distributions."""
         self.sampling = sampling
-        self.first = rays.pixels[part].reshape(-1, 1)
         pixels = rays.weights.shape[-1]
-        self.corners = corner_offsets(rays.image_size[1], 1, self.first)[:pixels]
-        self.bilinear = rays.weights[part].reshape(-1, 1, pixels)
-        self.bin_shift = rays.bin_shift[part].reshape(-1, 1, 1)
-        self.slots = ((self.first + self.corners) * slots + rays.bins[part].reshape(-1, 1)).view(-1)
+        self.first = rays.pixels[part].reshape(-1)
+        self.corners = corner_offsets(rays.image_size[1])[:pixels]
+        self.bilinear = rays.weights[part].reshape(-1, pixels)
+        self.bin_shift = rays.bin_shift[part].reshape(-1, 1)
+        slot = self.first * slots + rays.bins[part].reshape(-1)
+        self.slots = (slot[:, None] + slot.new_tensor(self.corners) * slots).view(-1)
 
     def weigh(self, probabilities: Tensor) -> Tensor:
-        """(n, 1, pixels) what each pixel's features count."""
+        """(n, pixels) what each pixel's features count."""
         flat = probabilities.view(-1)
         lower = flat.index_select(0, self.slots).view_as(self.bilinear)
         upper = flat[1:].index_select(0, self.slots).view_as(self.bilinear)
@@ -94,7 +96,7 @@ class _Chunk:
         return self.bilinear * at_depth
 
     def add_probability_gradient(self, d_probabilities: Tensor, d_weights: Tensor) -> None:
-        """Add to d_probabilities (pixels, D + 2) in place, for the gradient (n, 1, pixels) of the weights."""
+        """Add to d_probabilities (pixels, D + 2) in place, for the gradient (n, pixels) of the weights."""
         if self.sampling == "factorised":
             d_weights = (d_weights * self.bilinear).sum(-1, keepdim=True)
         d_depth = self.bilinear * d_weights
@@ -106,7 +108,8 @@ class _Chunk:
 
 def _chunks(rays: CameraRays) -> Iterator[slice]:
     columns, heights = rays.pixels.shape
-    step = max(1, CHUNK_VOXELS // heights)
+    voxels = GPU_CHUNK_VOXELS if rays.pixels.is_cuda else CHUNK_VOXELS
+    step = max(1, voxels // heights)
     return (slice(start, min(start + step, columns)) for start in range(0, columns, step))
 
 

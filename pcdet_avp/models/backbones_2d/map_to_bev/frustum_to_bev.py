@@ -13,7 +13,7 @@ from pcdet_avp.models.backbones_2d.map_to_bev.camera_rays import CameraRays, tra
 from pcdet_avp.models.backbones_2d.map_to_bev.frustum_collapse import SAMPLINGS, frustum_collapse
 from pcdet_avp.models.backbones_3d.vfe.image.depth_bins import DepthBins
 from pcdet_avp.models.norm import ScaleNorm
-from pcdet_avp.models.pixel_bags import full_precision
+from pcdet_avp.models.precision import full_precision
 from pcdet_avp.registry import MAP_TO_BEV
 from pcdet_avp.structures.bev_grid import BevGrid
 

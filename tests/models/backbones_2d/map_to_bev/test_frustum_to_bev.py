@@ -181,6 +181,18 @@ def test_samples_of_a_batch_do_not_mix_and_no_sample_is_no_error():
     assert none.shape == (0, 5, GRID.height, GRID.width)
 
 
+def test_a_camera_that_sees_nothing_of_the_grid():
+    to_bev = head()
+    features, logits = (t.requires_grad_() for t in random_images())
+    backwards = Pose.from_xyz_yaw(0, 0, 0, math.pi) @ CAMERA.agent_from_camera
+    matrix = torch.tensor(CAMERA.intrinsics @ backwards.inverse().matrix[:3])
+    found, seen = to_bev(features, logits, matrix[None], BINS, SIZE, STRIDE)
+    found.sum().backward()
+    assert not seen.any()
+    assert not found.any()
+    assert features.grad.eq(0).all()
+
+
 def test_chunks_do_not_change_the_result(monkeypatch):
     to_bev = head()
     features, logits = random_images()

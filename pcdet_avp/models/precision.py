@@ -1,0 +1,25 @@
+"""What must not be computed in half precision although automatic mixed precision is on around it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import wraps
+
+import torch
+from torch import Tensor
+
+
+def full_precision(x: Tensor) -> Tensor:
+    """float32 for half and bfloat16, anything else as it is."""
+    return x.float() if x.dtype in (torch.float16, torch.bfloat16) else x
+
+
+def without_autocast(backward: Callable) -> Callable:
+    """For the backward pass of an autograd function: on a CPU it runs inside the caller's automatic precision."""
+
+    @wraps(backward)
+    def wrapped(ctx, grad: Tensor):
+        with torch.autocast(grad.device.type, enabled=False):
+            return backward(ctx, grad)
+
+    return wrapped
