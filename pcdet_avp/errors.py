@@ -38,3 +38,11 @@ class CheckpointError(AvpError):
 
 class TrainingError(AvpError):
     """Training cannot go on: the loss or its gradient is not a number."""
+
+
+class PacketError(AvpError):
+    """A payload is damaged, truncated or foreign, or a map cannot be put into one."""
+
+
+class LinkError(AvpError):
+    """A link's parameters cannot be, a payload is too large for its blocks, or its clock ran backwards."""

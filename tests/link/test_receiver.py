@@ -1,0 +1,113 @@
+"""What a receiver keeps, refuses and gives out."""
+
+import numpy as np
+import pytest
+
+from pcdet_avp.link import MapStamp, Receiver, encode
+
+MAX_SEGMENT = 400
+
+
+def segments(frame, modality="lidar", seed=0):
+    """Several segments of a 4 x 16 x 16 map captured at 50 ms per frame."""
+    latent = np.random.default_rng(seed).normal(size=(4, 16, 16))
+    payloads = encode(latent, MapStamp(frame, 50_000 * frame, modality, 0, 0, 0), MAX_SEGMENT)
+    assert len(payloads) > 4
+    return payloads
+
+
+@pytest.fixture
+def receiver():
+    return Receiver(shape=(4, 16, 16))
+
+
+def push_all(receiver, payloads):
+    return [receiver.push(payload) for payload in payloads]
+
+
+def test_a_whole_map_comes_out_as_it_went_in(receiver):
+    push_all(receiver, segments(3))
+    taken = receiver.take("lidar", now_us=200_000)
+    expected = np.random.default_rng(0).normal(size=(4, 16, 16)).astype(np.float16)
+    np.testing.assert_array_equal(taken.values, expected)
+    assert taken.present.all()
+    assert taken.stamp.frame_id == 3
+
+
+def test_nothing_came(receiver):
+    assert receiver.take("lidar", now_us=0) is None
+
+
+def test_a_repeated_segment_is_dropped_silently(receiver):
+    payloads = segments(3)
+    assert all(push_all(receiver, payloads))
+    assert not any(push_all(receiver, payloads))
+    assert receiver.counts == {"accepted": len(payloads), "repeated": len(payloads)}
+
+
+def test_a_frame_older_than_the_last_used_is_refused(receiver):
+    push_all(receiver, segments(3))
+    receiver.take("lidar", now_us=0)
+    assert not any(push_all(receiver, segments(2)))
+    assert receiver.counts["late"] == len(segments(2))
+    assert receiver.take("lidar", now_us=0).stamp.frame_id == 3
+
+
+def test_an_older_frame_is_welcome_until_a_newer_one_was_used(receiver):
+    """Reordered arrival: 3 before 2; 2 is kept, but 3 is given out."""
+    assert all(push_all(receiver, segments(3) + segments(2)))
+    assert receiver.take("lidar", now_us=0).stamp.frame_id == 3
+
+
+def test_the_rest_of_the_frame_in_use_still_counts(receiver):
+    payloads = segments(3)
+    push_all(receiver, payloads[:3])
+    first = receiver.take("lidar", now_us=0)
+    push_all(receiver, payloads[3:])
+    second = receiver.take("lidar", now_us=0)
+    assert first.present.sum() < second.present.sum() == 256
+    assert not first.present.all()
+
+
+def test_a_barely_begun_map_does_not_replace_a_full_one(receiver):
+    push_all(receiver, segments(3) + segments(4)[:1])
+    assert receiver.take("lidar", now_us=0).stamp.frame_id == 3
+    push_all(receiver, segments(4)[1:])
+    assert receiver.take("lidar", now_us=0).stamp.frame_id == 4
+
+
+def test_a_map_that_always_arrives_in_part_is_used_all_the_same(receiver):
+    for frame in (3, 4, 5):
+        push_all(receiver, segments(frame)[1:3])
+        assert receiver.take("lidar", now_us=0).stamp.frame_id == frame
+
+
+def test_modalities_do_not_meet(receiver):
+    push_all(receiver, segments(3, "lidar") + segments(2, "camera", seed=1))
+    assert receiver.take("lidar", now_us=0).stamp.frame_id == 3
+    assert receiver.take("camera", now_us=0).stamp.frame_id == 2
+
+
+def test_an_old_map_is_not_given_out():
+    receiver = Receiver(max_age_us=100_000)
+    push_all(receiver, segments(3))
+    assert receiver.take("lidar", now_us=250_000) is not None
+    assert receiver.take("lidar", now_us=250_001) is None
+
+
+def test_damaged_foreign_and_contradicting_segments_are_as_if_they_had_not_come(receiver):
+    payloads = segments(3)
+    other_shape = encode(np.ones((1, 2, 2)), MapStamp(3, 150_000, "lidar", 0, 0, 0), MAX_SEGMENT)
+    other_pose = encode(np.ones((4, 16, 16)), MapStamp(3, 150_000, "lidar", 1, 0, 0), MAX_SEGMENT)
+    push_all(receiver, payloads[:1])
+    assert not any(push_all(receiver, [payloads[1][:-1], b"", *other_shape, *other_pose]))
+    assert receiver.counts["damaged"] == 3 + len(other_pose)
+    assert receiver.take("lidar", now_us=0).present.sum() < 256
+
+
+def test_memory_is_bounded_by_three_maps(receiver):
+    for frame in range(10):
+        push_all(receiver, segments(frame))
+    assert not receiver.push(segments(6)[0])
+    assert receiver.counts["late"] == 1
+    assert receiver.take("lidar", now_us=0).stamp.frame_id == 9
