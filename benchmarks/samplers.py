@@ -78,9 +78,8 @@ def frustum(grid: BevGrid, size: tuple[int, int], heights: int, bins: DepthBins,
         rays = trace_rays(matrix, grid, heights, bins, size, STRIDE, sampling == "nearest")
         report(sampling, lambda *t, r=rays, s=sampling: frustum_collapse(*t, r, s), inputs, repeat)
     voxels = (heights, grid.height, grid.width)
-    places = F.affine_grid(
-        torch.eye(4)[None, [1, 0, 2]], (1, 1, *voxels), align_corners=False
-    )  # as orderly as a camera's
+    axes = torch.eye(4)[None, [1, 2, 0]]  # rows along u, heights along v, columns along the depth: as orderly as rays
+    places = F.affine_grid(axes, (1, 1, *voxels), align_corners=False)
     report("volumes + grid_sample", lambda f, p, c: caddn(f, p, c, places, (h + 2, w + 2)), inputs, repeat)
 
 

@@ -52,8 +52,8 @@ class FrustumToBev(nn.Module):
     ) -> tuple[Tensor, Tensor]:
         """features (B, C, h, w), logits (B, D + 1, h, w), image_from_agent (B, 3, 4) in image pixels."""
         with torch.autocast(features.device.type, enabled=False):
-            pixels = _padded_rows(full_precision(features), channels=0)
-            chances = _padded_rows(full_precision(logits).softmax(1)[:, : bins.count], channels=1)
+            pixels = _padded_rows(_channels_last(features))
+            chances = _padded_rows(_channels_last(logits).softmax(-1)[..., : bins.count], slots=1)
             weight = self.collapse.weight.view(self.num_bev_features, -1, self.heights)
             cells = self.grid.height * self.grid.width
             maps = pixels.new_zeros(len(features) * cells, self.num_bev_features)
@@ -79,7 +79,11 @@ class FrustumToBev(nn.Module):
         return self._remembered[key]
 
 
-def _padded_rows(images: Tensor, channels: int) -> Tensor:
-    """(B, C, h, w) -> (B, (h + 2) * (w + 2), C + 2 * channels), zeros around the pixels and around the channels."""
-    rows = F.pad(images.permute(0, 2, 3, 1), (channels, channels, 1, 1, 1, 1))
-    return rows.flatten(1, 2)
+def _channels_last(images: Tensor) -> Tensor:
+    """(B, C, h, w) -> (B, h, w, C), at least in float32."""
+    return full_precision(images).permute(0, 2, 3, 1)
+
+
+def _padded_rows(images: Tensor, slots: int = 0) -> Tensor:
+    """(B, h, w, C) -> (B, (h + 2) * (w + 2), C + 2 * slots), zeros around the image and at both ends of C."""
+    return F.pad(images, (slots, slots, 1, 1, 1, 1)).flatten(1, 2)

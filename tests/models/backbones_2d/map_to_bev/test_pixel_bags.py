@@ -28,12 +28,10 @@ def test_corners_of_an_image_five_pixels_wide():
 
 def test_equals_the_sum_written_out():
     table, first, weights = inputs()
-    expected = torch.stack(
-        [
-            sum(w * table[int(f) + c] for w, c in zip(ws, CORNERS, strict=True))
-            for f, ws in zip(first, weights, strict=True)
-        ]
-    )
+    expected = torch.zeros(len(first), table.shape[1])
+    for voxel in range(len(first)):
+        for corner, offset in enumerate(CORNERS):
+            expected[voxel] += weights[voxel, corner] * table[int(first[voxel]) + offset]
     torch.testing.assert_close(bag_sum(table, first, weights, CORNERS), expected)
 
 
