@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from pcdet_avp.errors import GeometryError
-from pcdet_avp.models.dense_heads.target_assignment import IGNORED, assign, check_targets, nearest_bev_iou
+from pcdet_avp.models.dense_heads.target_assignment import IGNORED, assign, check_targets, overlaps_nearby
 
 X, Y = torch.arange(8) + 0.5, torch.arange(6) - 2.5  # 1 m cells
 CAR = torch.tensor([[0.8, 4.0, 2.0, 1.6, 0.0], [0.8, 4.0, 2.0, 1.6, math.pi / 2]])
@@ -30,17 +30,19 @@ def slow_iou(a, b):
 
 
 def test_overlap_equals_a_slow_loop():
+    """Where an anchor is not among those near a box, the two share nothing."""
     generator = torch.Generator().manual_seed(0)
-    boxes = torch.rand(7, 7, generator=generator) * torch.tensor([8.0, 6, 1, 5, 5, 2, 12]) - torch.tensor(
-        [0.0, 3, 0, -0.2, -0.2, -0.2, 6]
-    )
-    iou = nearest_bev_iou(X, Y, CAR, boxes)
+    boxes = torch.rand(9, 7, generator=generator) * torch.tensor([12.0, 10, 1, 3, 3, 2, 12])
+    boxes += torch.tensor([-2.0, -5, 0, 0.2, 0.2, 0.2, -6])  # some stand outside the grid
+    iou, place = overlaps_nearby(X, Y, CAR, boxes)
     for m, box in enumerate(boxes.tolist()):
+        assert len(set(place[m].tolist())) == place.shape[1]
+        near = dict(zip(place[m].tolist(), iou[m].tolist(), strict=True))
         for i, y in enumerate(Y.tolist()):
             for j, x in enumerate(X.tolist()):
                 for k, (z, dx, dy, dz, heading) in enumerate(CAR.tolist()):
                     expected = slow_iou([x, y, z, dx, dy, dz, heading], box)
-                    assert iou[m, i, j, k].item() == pytest.approx(expected, abs=1e-5)
+                    assert near.get((i * len(X) + j) * len(CAR) + k, 0.0) == pytest.approx(expected, abs=1e-5)
 
 
 def test_a_box_on_an_anchor():
