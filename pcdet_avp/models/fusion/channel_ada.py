@@ -5,7 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from pcdet_avp.models.fusion.masked import MapFuser, Maps, Masks, descriptors
+from pcdet_avp.models.fusion.masked import MapFuser, Maps, Masks
+from pcdet_avp.models.fusion.statistics import descriptors
 from pcdet_avp.registry import FUSERS
 from pcdet_avp.structures.sensor_set import SOURCES
 
@@ -34,14 +35,19 @@ class ChannelAdaFusion(MapFuser):
     def fuse(self, maps: Maps, masks: Masks) -> Tensor:
         W = self.map_weights(maps, masks)
         if self.original_form:
-            return sum(W[:, i].view(-1, 1, 1, 1).to(X.dtype) * X for i, X in maps.items())
-        shares = cell_shares(W, masks)
-        return sum(shares[i].to(X.dtype) * X for i, X in maps.items())
+            factors = {i: W[:, i].view(-1, 1, 1, 1) for i in maps}
+        else:
+            factors = cell_shares(W, masks)
+        first, *others = maps
+        total = factors[first].to(maps[first].dtype) * maps[first]
+        for i in others:
+            total = torch.addcmul(total, factors[i].to(maps[i].dtype), maps[i])
+        return total
 
     def map_weights(self, maps: Maps, masks: Masks) -> Tensor:
         """W (B, slots) float32, non-negative."""
         first = next(iter(maps.values()))
-        D = first.new_zeros(len(first), 2, self.slots, dtype=torch.float32)
+        D = first.new_zeros(len(first), 2, self.slots, dtype=self.hidden.weight.dtype)
         for i, X in maps.items():
             D[:, 0, i], D[:, 1, i] = descriptors(X, masks[i])
         return self.weights(self.hidden(D.flatten(1)).sigmoid()).relu().float()

@@ -47,33 +47,9 @@ def slots_of(bev_maps: dict[str, Tensor], bev_valid: dict[str, Tensor]) -> tuple
     return maps, masks
 
 
-def average(maps: Maps, masks: Masks) -> Tensor:
-    """X_avg: per cell the mean over the maps present, zero where there is none."""
-    dtype = next(iter(maps.values())).dtype
-    count = sum(mask.to(dtype) for mask in masks.values())
-    return sum(maps.values()) / count.clamp(min=1)
-
-
-def maximum(maps: Maps, masks: Masks) -> Tensor:
-    """X_max: per cell and channel the maximum over the maps present, zero where there is none."""
-    highest = None
-    for slot, X in maps.items():
-        X = torch.where(masks[slot], X, -torch.inf)
-        highest = X if highest is None else torch.maximum(highest, X)
-    return torch.where(union(masks), highest, 0)
-
-
 def union(masks: Masks) -> Tensor:
     """(B, 1, H, W) bool: cells in which at least one map is present."""
     present = None
     for mask in masks.values():
         present = mask if present is None else present | mask
     return present
-
-
-def descriptors(X: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
-    """max(X_i) and avg(X_i), each (B,) float32, over the present cells of a map; zero where there is none."""
-    cells = mask.flatten(1).sum(1)
-    highest = torch.where(mask, X, -torch.inf).float().amax((1, 2, 3))
-    mean = X.float().sum((1, 2, 3)) / (cells * X.shape[1]).clamp(min=1)
-    return torch.where(cells > 0, highest, 0), mean

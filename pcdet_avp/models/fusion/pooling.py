@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from torch import Tensor
 
-from pcdet_avp.models.fusion.masked import MapFuser, Maps, Masks, average, maximum
+from pcdet_avp.models.fusion.masked import MapFuser, Maps, Masks
+from pcdet_avp.models.fusion.statistics import max_and_mean
 from pcdet_avp.registry import FUSERS
 
 
@@ -16,7 +17,7 @@ class AverageFusion(MapFuser):
         super().__init__()
 
     def fuse(self, maps: Maps, masks: Masks) -> Tensor:
-        return average(maps, masks)
+        return max_and_mean([*maps.values()], [*masks.values()])[1]
 
 
 @FUSERS.register("MaxFusion")
@@ -27,4 +28,4 @@ class MaxFusion(MapFuser):
         super().__init__()
 
     def fuse(self, maps: Maps, masks: Masks) -> Tensor:
-        return maximum(maps, masks)
+        return max_and_mean([*maps.values()], [*masks.values()])[0]

@@ -6,10 +6,11 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from pcdet_avp.models.fusion.masked import MapFuser, Maps, Masks, average, maximum, union
+from pcdet_avp.models.fusion.masked import MapFuser, Maps, Masks, union
+from pcdet_avp.models.fusion.statistics import max_and_mean
 from pcdet_avp.registry import FUSERS
 
-# Output channels computed at a time; 16 was the fastest of 8, 16, 32 on a CPU at 64 x 376 x 280.
+# Output channels computed at a time; 16 was the fastest of 8, 16, 32 on a CPU, at 64 x 376 x 280 and 32 x 188 x 140.
 BLOCK_CHANNELS = 16
 
 
@@ -22,15 +23,14 @@ class SpatialAdaFusion(MapFuser):
         self.conv = TwoMapConv3d()
 
     def fuse(self, maps: Maps, masks: Masks) -> Tensor:
-        X_max, X_avg = maximum(maps, masks), average(maps, masks)
-        X_spatial = self.conv(torch.stack([X_max, X_avg], 1)).relu().squeeze(1)  # (B, C, H, W)
-        return torch.where(union(masks), X_spatial, 0)
+        X_max, X_avg = max_and_mean([*maps.values()], [*masks.values()])
+        return torch.where(union(masks), self.conv(X_max, X_avg).relu(), 0)
 
 
 class TwoMapConv3d(nn.Conv3d):
     """``nn.Conv3d(2, 1, 3, padding=1)`` over (C, H, W), computed as 2D convolutions over blocks of channels.
 
-    The result is the same; on a CPU it takes a third of the time forward and a sixth with the gradient.
+    The result is the same; on a CPU it takes a seventh of the time.
     """
 
     def __init__(self) -> None:
@@ -42,17 +42,17 @@ class TwoMapConv3d(nn.Conv3d):
         with torch.no_grad():
             self.weight[0, :, 1, 1, 1] += 0.5
 
-    def forward(self, x: Tensor) -> Tensor:
-        """(B, 2, C, H, W) -> (B, 1, C, H, W)."""
-        C = x.shape[2]
-        padded = F.pad(x, (0, 0, 0, 0, 1, 1))  # (B, 2, C + 2, H, W)
+    def forward(self, X_max: Tensor, X_avg: Tensor) -> Tensor:
+        """Two maps (B, C, H, W) -> (B, C, H, W)."""
+        C = X_max.shape[1]
+        padded = [F.pad(X, (0, 0, 0, 0, 1, 1)) for X in (X_max, X_avg)]  # (B, C + 2, H, W)
         blocks = []
         for start in range(0, C, BLOCK_CHANNELS):
             n = min(BLOCK_CHANNELS, C - start)
+            inputs = torch.cat([X[:, start : start + n + 2] for X in padded], 1)
             weight = banded_weight(self.weight, n).flatten(1, 2)  # (n, 2 * (n + 2), 3, 3)
-            inputs = padded[:, :, start : start + n + 2].flatten(1, 2)
             blocks.append(F.conv2d(inputs, weight, self.bias.expand(n), padding=1))
-        return torch.cat(blocks, 1).unsqueeze(1)
+        return torch.cat(blocks, 1)
 
 
 def banded_weight(weight: Tensor, n: int) -> Tensor:

@@ -7,8 +7,8 @@ import torch
 
 from pcdet_avp.errors import SensorError
 from pcdet_avp.models.fusion.channel_ada import ChannelAdaFusion, cell_shares
-from pcdet_avp.models.fusion.masked import descriptors
 from pcdet_avp.models.fusion.spatial_ada import TwoMapConv3d
+from pcdet_avp.models.fusion.statistics import descriptors, max_and_mean
 from pcdet_avp.registry import FUSERS
 from pcdet_avp.structures.sensor_set import SENSOR_SETS, SOURCES
 
@@ -124,7 +124,8 @@ def test_blockwise_convolution_equals_conv3d(channels):
     conv, x = TwoMapConv3d().double(), torch.randn(2, 2, channels, 5, 4, dtype=torch.float64)
     torch.nn.init.normal_(conv.weight)
     torch.nn.init.normal_(conv.bias)
-    torch.testing.assert_close(conv(x), torch.nn.functional.conv3d(x, conv.weight, conv.bias, padding=1))
+    expected = torch.nn.functional.conv3d(x, conv.weight, conv.bias, padding=1).squeeze(1)
+    torch.testing.assert_close(conv(x[:, 0], x[:, 1]), expected)
 
 
 def test_descriptors_see_present_cells_only():
@@ -180,3 +181,41 @@ def test_every_parameter_sits_in_a_leaf_module():
     for name in NAMES:
         for module in make(name).modules():
             assert not list(module.children()) or not list(module.parameters(recurse=False))
+
+
+def masked_maps(n, seed=0):
+    generator = torch.Generator().manual_seed(seed)
+    masks = [torch.rand(2, 1, 3, 4, generator=generator) < 0.6 for _ in range(n)]
+    maps = [torch.randn(2, 3, 3, 4, generator=generator, dtype=torch.float64) * m for m in masks]
+    return [X.requires_grad_() for X in maps], masks
+
+
+@pytest.mark.parametrize("n", [1, 2, 4])
+def test_gradients_of_the_statistics(n):
+    """Absent cells are constants, so their gradient is zero where a finite difference would see a value appear."""
+    maps, masks = masked_maps(n)
+
+    def statistics(*maps):
+        hidden = [torch.where(m, X, 0) for X, m in zip(maps, masks, strict=True)]
+        rows = [d for X, m in zip(hidden, masks, strict=True) for d in descriptors(X, m)]
+        return *max_and_mean(hidden, masks), *rows
+
+    assert torch.autograd.gradcheck(statistics, maps)
+
+
+def test_statistics_equal_plain_formulas():
+    maps, masks = masked_maps(4)
+    X_max, X_avg = max_and_mean(maps, masks)
+    for b, r, c in itertools.product(range(2), range(3), range(4)):
+        here = [X[b, :, r, c] for X, m in zip(maps, masks, strict=True) if m[b, 0, r, c]]
+        expected = torch.stack(here) if here else torch.zeros(1, 3, dtype=torch.float64)
+        torch.testing.assert_close(X_max[b, :, r, c], expected.amax(0))
+        torch.testing.assert_close(X_avg[b, :, r, c], expected.mean(0))
+
+
+def test_equal_maps_share_one_gradient_of_the_maximum():
+    """Cells that all maps agree on are the rule (empty ones); the gradient must not be counted once per map."""
+    maps = [torch.zeros(1, 2, 2, 2, requires_grad=True) for _ in range(3)]
+    masks = [torch.ones(1, 1, 2, 2, dtype=torch.bool)] * 3
+    max_and_mean(maps, masks)[0].sum().backward()
+    assert sum(X.grad for X in maps).tolist() == torch.ones(1, 2, 2, 2).tolist()
