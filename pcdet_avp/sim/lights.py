@@ -16,6 +16,7 @@ from pcdet_avp.structures.pose import Pose
 
 TUBE_HALF_LENGTH_M = 0.6  # lamps are tubes along the world's x axis
 NEAR_M = 9.0  # a lamp further away than this (in plan) lights without being followed ray by ray
+MARGIN_M = 14.0
 CELL_M = 2.0
 LAMPS_PER_CELL = 8
 SMOOTH_AT_M = 1.0  # height at which the smooth part of the light is taken
@@ -107,10 +108,10 @@ def _light_field(lamps: tuple[Lamp, ...], ambient: float) -> LightField:
 
 
 def _cells(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Corner (2,) of the grid and centres (nx, ny, 2) of its cells, 8 m beyond the outermost lamps."""
+    """Corner (2,) of the grid and centres (nx, ny, 2) of its cells, ``MARGIN_M`` beyond the outermost lamps."""
     low, high = (rows[:, :2].min(0), rows[:, :2].max(0)) if len(rows) else (np.zeros(2), np.zeros(2))
-    origin = np.floor(low - 8.0)
-    counts = np.ceil((high + 8.0 - origin) / CELL_M).astype(int)
+    origin = np.floor(low - MARGIN_M)
+    counts = np.ceil((high + MARGIN_M - origin) / CELL_M).astype(int)
     x, y = (origin[i] + (np.arange(counts[i]) + 0.5) * CELL_M for i in (0, 1))
     return origin.astype(np.float32), np.stack(np.meshgrid(x, y, indexing="ij"), -1)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
+from pcdet_avp.sim import garage, illumination, lights, mesh, textures
 from pcdet_avp.sim.illumination import (
     HALF,
     HALF_TUBE,
@@ -24,6 +25,7 @@ from pcdet_avp.sim.illumination import (
     smooth_light,
     strongest,
 )
+from pcdet_avp.sim.kernel_cache import fingerprint
 from pcdet_avp.sim.lights import LAMPS_PER_CELL
 from pcdet_avp.sim.mesh import Material
 from pcdet_avp.sim.textures import concrete, floor
@@ -42,6 +44,8 @@ COAT_OF = np.full(len(Material), -1, np.int8)
 COAT_OF[[Material.PAINT, Material.GLASS, Material.FLOOR, Material.METAL]] = 0, 1, 2, 3
 COAT_OF[[Material.HEAD_LAMP, Material.TAIL_LAMP]] = 1
 COATS = np.array([[0.045, 0.95, 0.08], [0.07, 0.93, 0.025], [0.007, 0.35, 0.16], [0.30, 0.70, 0.15]], np.float32)
+
+SOURCES = fingerprint(garage, illumination, lights, mesh, textures)
 
 
 @numba.njit(fastmath=True)
@@ -88,14 +92,14 @@ def _coat(coat, rough, origin, lamps, smooth, ceiling, px, py, pz, nx, ny, nz, d
 
 
 @numba.njit(cache=True, fastmath=True)
-def shade(eye, first, columns, tables, light, beams, beam_power, kept, seen, shadows):
+def shade(eye, first, columns, tables, light, beams, beam_power, kept, seen, shadows, sources=SOURCES):
     """Fill radiance, depth and instance of a band of pixels; list its shadow rays. Returns their number.
 
     eye (3,). first: number of the band's first pixel. columns, by pixel: ray (R, 3), distance, face, u, v (R,) of its
     hit, and open share of the sky (R,). tables, by face: instance, colors, materials, normals. light: origin, lamps,
     smooth, tint and height of a ``LightField``, and its unit. seen: radiance (R, 3), depth (R,), instance (R,).
     shadows, by shadow ray: origin (S, 3), direction (S, 3) that ends at the lamp, pixel (S,), and light (S, 3) that
-    leaves the pixel if nothing is in between.
+    leaves the pixel if nothing is in between. sources: see ``kernel_cache``.
     """
     rays, distance, face, bu, bv, sky = columns
     instance_of, colors, materials, normals = tables

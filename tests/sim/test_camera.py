@@ -10,7 +10,7 @@ from pcdet_avp.sim import film
 from pcdet_avp.sim.camera import Lighting, headlamps_of, render
 from pcdet_avp.sim.cars import CarSpec, car_mesh
 from pcdet_avp.sim.garage import Lamp
-from pcdet_avp.sim.lights import NEAR_M, SMOOTH_AT_M, draw_lighting, nearness
+from pcdet_avp.sim.lights import BOUNCE, NEAR_M, SMOOTH_AT_M, draw_lighting, nearness
 from pcdet_avp.sim.loft import quad
 from pcdet_avp.sim.mesh import Material, box_mesh
 from pcdet_avp.sim.raytracer import RayTracer, TriangleScene
@@ -105,11 +105,20 @@ def test_a_failed_lamp_gives_less_light():
     assert brightness(picture([floor()], failed), u, v) < 0.9 * brightness(picture([floor()]), u, v)
 
 
-def test_light_falls_with_the_distance_from_a_lamp():
-    lighting = replace(NOISELESS, lamps=(Lamp(6.0, 0.0, 3.0, 1.0),))
+def test_the_floors_brightness_follows_lamberts_and_the_inverse_square_law():
+    """Below a lamp at height h, at distance d from it: h^2 / d^4, plus the bounced share; the lens darkens corners."""
+    lighting = replace(NOISELESS, lamps=(Lamp(12.0, 0.0, 7.0, 1.0),), ambient=0.0, ambient_occlusion=False)
     seen = picture([floor()], lighting)
-    values = [brightness(seen, *pixel_of((6.0, y, 0.0))) for y in (0.0, -2.0, -4.0)]
-    assert values[0] > values[1] > values[2]
+    curve = film.tone_curve(lighting.gamma).astype(float)
+    measured, expected = [], []
+    for y in (0.0, -2.0, -4.0, -6.0, -8.0, -10.0):
+        u, v = pixel_of((12.0, y, 0.0))
+        x, z = (u + 0.5) / 240 - 1, (v + 0.5) / 135 - 1
+        signal = np.searchsorted(curve, seen.image[v, u, 0]) / film.CURVE
+        measured.append(signal / (1 - film.VIGNETTING / 2 * (x * x + z * z)))
+        d2 = y * y + 49.0
+        expected.append(49.0 / d2**2 * (1 + BOUNCE))
+    np.testing.assert_allclose(np.array(measured) / measured[0], np.array(expected) / expected[0], rtol=0.06)
 
 
 def test_near_and_far_lamps_add_up_to_all_lamps():
@@ -119,7 +128,7 @@ def test_near_and_far_lamps_add_up_to_all_lamps():
         Lamp(x, y, 3.0 + rng.uniform(0, 0.5), rng.uniform(0.2, 1)) for x in np.arange(0, 60, 7.0) for y in (-3, 4)
     )
     field = replace(NOISELESS, lamps=lamps).field
-    i, j = 14, 6
+    i, j = 17, 9
     centre = field.origin + (np.array([i, j]) + 0.5) * 2.0
     rows = np.array([(a.x - centre[0], a.y - centre[1], a.z - SMOOTH_AT_M, a.intensity) for a in lamps])
     flat2 = np.square(rows[:, :2]).sum(1)
