@@ -17,7 +17,7 @@ from pcdet_avp.structures.pose import Pose
 __all__ = ["Lighting", "Rendered", "draw_lighting", "headlamps_of", "render"]
 
 MID_GREY = 0.18
-BAND_ROWS = 64
+BAND_ROWS = 64  # even: the shading's pattern spans two rows
 HEADLAMP_POWER = 3.0  # of a pair of head lamps, in floor lights at 5 m
 
 
@@ -71,7 +71,7 @@ def _radiance(tracer, camera, eye, rays, hits, lighting) -> tuple[np.ndarray, np
         part = slice(start, start + band)
         columns = tuple(a[part] for a in (rays, hits.distance, hits.face, hits.u, hits.v, sky))
         out = tuple(a[part] for a in seen)
-        found = shading.shade(eye, start, columns, *scene, lighting.shadow_lamps, out, shadows)
+        found = shading.shade(eye, camera.width, columns, *scene, lighting.shadow_lamps, out, shadows)
         origins, directions, pixel, arriving = (a[:found] for a in shadows)
         shading.add_unblocked(out[0], pixel, arriving, tracer.occluded(origins, directions, 1.0))
     return seen
