@@ -13,7 +13,6 @@ from pcdet_avp.link.cell_models import (
     CHANNEL_MODELS,
     FAR,
     HIGHEST_OCTAVE,
-    HIGHEST_REST_BIT,
     MAGNITUDE,
     PER_CHANNEL,
     SIGN,
@@ -31,7 +30,7 @@ LIKELY_BYTES = 3
 
 
 def scratch(cells: int, row: int, channels: int, budget: int) -> tuple[np.ndarray, np.ndarray]:
-    """``octaves`` and ``out`` for ``encode_run``; no element takes more than 36 modelled bits of a byte each."""
+    """``octaves`` and ``out`` for ``encode_run``. No element takes more than 36 modelled and 10 plain bits."""
     octaves = np.zeros((row + 1 + cells, channels + 1), np.uint8)
     return octaves, np.zeros(budget + 40 * channels + 8, np.uint8)
 
@@ -70,7 +69,7 @@ def encode_run(codes, first, stop, row, precision, budget, octaves, out):
                 base, expected = expect(left, above, last[channel])
                 octave, rest, bits = split(code & MAGNITUDE, precision)
                 low, width, at = _put_octave(low, width, at, out, models, base, octave - expected)
-                low, width, at = _put_rest(low, width, at, out, models, octave, rest, bits)
+                low, width, at = put_plain(low, width, at, out, rest, bits)
                 octaves[here, channel] = last[channel] = octave
         if at + 1 > budget:
             return cell, -1
@@ -102,7 +101,7 @@ def decode_run(data, codes, row, precision):
                 if octave < 1 or octave > HIGHEST_OCTAVE[precision]:
                     return False
                 floor, bits = floor_of(octave, precision)
-                rest, code, width, at = _get_rest(code, width, at, data, models, octave, bits)
+                rest, code, width, at = get_plain(code, width, at, data, bits)
                 if floor + rest == 0:
                     return False
                 codes[cell, channel] = negative << 15 | (floor + rest)
@@ -127,15 +126,6 @@ def _put_octave(low, width, at, out, models, base, step):
 
 
 @numba.njit(cache=True, inline="always")
-def _put_rest(low, width, at, out, models, octave, rest, bits):
-    """The highest bit under its octave's model, the others plain."""
-    if bits == 0:
-        return low, width, at
-    low, width, at = put_bit(low, width, at, out, models, HIGHEST_REST_BIT + octave, rest >> (bits - 1))
-    return put_plain(low, width, at, out, rest & ((1 << (bits - 1)) - 1), bits - 1)
-
-
-@numba.njit(cache=True, inline="always")
 def _get_octave(code, width, at, data, models, base):
     """Steps from the expected octave; never more than 32, whatever the data say."""
     step, code, width, at = get_bit(code, width, at, data, models, base)
@@ -148,14 +138,3 @@ def _get_octave(code, width, at, data, models, base):
             more, code, width, at = get_bit(code, width, at, data, models, far + min(step, FAR))
         step *= 2 * up - 1
     return step, code, width, at
-
-
-@numba.njit(cache=True, inline="always")
-def _get_rest(code, width, at, data, models, octave, bits):
-    """What ``_put_rest`` wrote."""
-    rest = np.int64(0)
-    if bits > 0:
-        high, code, width, at = get_bit(code, width, at, data, models, HIGHEST_REST_BIT + octave)
-        rest, code, width, at = get_plain(code, width, at, data, bits - 1)
-        rest |= high << (bits - 1)
-    return rest, code, width, at

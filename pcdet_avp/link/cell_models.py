@@ -2,7 +2,7 @@
 
 A number travels as a uint16 code: bit 15 the sign, bits 0-14 the magnitude, 0 = empty. A float16's own bits are
 its code. A magnitude is an octave (a float's exponent, or the place of an integer's highest bit) and the rest
-below it. Octaves count from 1, so that 0 can say "empty".
+below it, which is as good as random and sent as it is. Octaves count from 1, so that 0 can say "empty".
 
 ``octaves`` (row + 1 + cells, C + 1) uint8 remembers the octaves of the cells coded so far, and in its last column
 whether a cell is occupied. It starts with a row and a cell of zeros, so that the first cells have neighbours too.
@@ -28,8 +28,7 @@ FAR = 16
 OCTAVE_MODELS = 2 + 2 * FAR
 OCCUPIED = 0
 OCTAVE = OCCUPIED + 16
-HIGHEST_REST_BIT = OCTAVE + 5 * OCTAVE_MODELS
-PER_CHANNEL = HIGHEST_REST_BIT + 32
+PER_CHANNEL = OCTAVE + 5 * OCTAVE_MODELS
 # A channel has 8 contexts of "is there a value", then one model of the sign.
 CHANNEL_MODELS, SIGN = 9, 8
 
