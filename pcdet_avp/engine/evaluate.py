@@ -33,31 +33,28 @@ def detect(
     model: nn.Module, dataset, combos: Sequence[str], ranks: Ranks, batch_size: int = 1, workers: int = 0
 ) -> Found:
     """Run the network over the whole split once per combination; ranks share the frames, all get the result."""
-    found = {}
-    total = len(dataset) * len(combos)
     was_training = model.training
     model.eval()
+    mine = {combo: [] for combo in combos}
+    total = len(dataset) * len(combos)
     with tqdm(total=total, unit="frame", desc=f"testing on {dataset.split}", disable=not ranks.is_first) as bar:
-        for combo in combos:
+        for combo, annotations in _annotations(model, dataset, combos, ranks, batch_size, workers):
+            mine[combo] += annotations
             bar.set_postfix_str(combo, refresh=False)
-            mine = _shard(len(dataset), ranks)
-            annotations = list(_annotations(model, dataset, mine, combo, ranks, batch_size, workers, bar))
-            found[combo] = _in_order(dataset, ranks.gather(annotations))
+            bar.update(len(annotations) * ranks.world)
     model.train(was_training)
-    return found
+    return {combo: _in_order(dataset, ranks.gather(annotations)) for combo, annotations in mine.items()}
 
 
-def _shard(frames: int, ranks: Ranks) -> range:
-    return range(ranks.rank, frames, ranks.world)
-
-
-def _annotations(model, dataset, indices, combo, ranks, batch_size, workers, bar) -> Iterator[dict]:
-    keys = [[(i, combo) for i in indices[start : start + batch_size]] for start in range(0, len(indices), batch_size)]
-    for batch_dict in batches(dataset, keys, ranks, workers):
+def _annotations(model, dataset, combos, ranks, batch_size, workers) -> Iterator[tuple[str, list[dict]]]:
+    """(combination, annotations) of every batch of this rank's frames; one loader serves all combinations."""
+    frames = range(ranks.rank, len(dataset), ranks.world)
+    parts = [frames[start : start + batch_size] for start in range(0, len(frames), batch_size)]
+    keys = [[(index, combo) for index in part] for combo in combos for part in parts]
+    for of_batch, batch_dict in zip(keys, batches(dataset, keys, ranks, workers), strict=True):
         with torch.no_grad():
             predictions, _ = model(batch_dict)
-        yield from dataset.generate_prediction_dicts(batch_dict, predictions, dataset.class_names)
-        bar.update(batch_dict["batch_size"] * ranks.world)
+        yield of_batch[0][1], dataset.generate_prediction_dicts(batch_dict, predictions, dataset.class_names)
 
 
 def _in_order(dataset, parts: Sequence[Sequence[Mapping]]) -> list[Detections]:

@@ -66,7 +66,7 @@ def train(
 ) -> None:
     """Train until the schedule ends; Ctrl-C saves first. ``look(iteration)`` is called after every step of rank 0."""
     with Interrupt() as interrupt:
-        for report, seconds in _steps(trainer, batches):
+        for report, seconds in _steps(trainer, batches, interrupt):
             if monitor:
                 monitor.add(report)
             if look and trainer.ranks.is_first:
@@ -76,12 +76,17 @@ def train(
             _between_steps(trainer, keeper, logger, monitor, budget, interrupt)
 
 
-def _steps(trainer: Trainer, batches: Iterable[dict]) -> Iterator[tuple[StepReport, float]]:
+def _steps(trainer: Trainer, batches: Iterable[dict], interrupt: Interrupt) -> Iterator[tuple[StepReport, float]]:
     """Steps up to the schedule's end, each with the seconds since the one before, whatever was done between them."""
     before = time.monotonic()
     source = iter(batches)
     while not trainer.finished:
-        report = trainer.step(next(source))
+        try:
+            report = trainer.step(next(source))
+        except RuntimeError:
+            if interrupt.requested:  # it has ended the workers that load data, too; this step is lost
+                raise KeyboardInterrupt from None
+            raise
         now = time.monotonic()
         trainer.elapsed_s += now - before
         yield report, now - before

@@ -70,3 +70,10 @@ class Monitor:
         rate = self.bar.format_dict["rate"] or 0.0
         text = f"iteration {done}/{self.bar.total} loss {means['train/loss']:.4f} lr {report.lr:.3g} {rate:.2f} it/s"
         self.logger.info(text, extra={"quiet": True})
+
+
+def write_scalars(folder: Path, numbers: dict[str, float], iteration: int) -> None:
+    """Add numbers to TensorBoard outside of a training."""
+    with SummaryWriter(str(folder)) as writer:
+        for name, value in numbers.items():
+            writer.add_scalar(name, value, iteration)

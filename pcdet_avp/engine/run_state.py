@@ -8,12 +8,15 @@ from typing import Any
 
 import torch
 
+from pcdet_avp.config import PATH_KEYS, plain
 from pcdet_avp.engine.checkpoint import load_model
 from pcdet_avp.engine.sampler import BatchPlan
 from pcdet_avp.engine.seed import random_state, restore_random_state, seed_torch
 from pcdet_avp.engine.trainer import TRAINING_STREAM, Trainer
 from pcdet_avp.errors import CheckpointError
 
+# Keys that may change between two runs of one training: where things lie, how results are read, how long it takes.
+FREE_KEYS = (*PATH_KEYS, "POST_PROCESSING", "NUM_EPOCHS", "USE_AMP", "SCENES", "FRAMES_PER_SCENE")
 NEEDED = ("it", "optimizer_state", "schedule", "sampler", "random_states")
 
 
@@ -49,6 +52,29 @@ def restore_run(trainer: Trainer, content: Mapping[str, Any], path: str) -> None
     trainer.iteration, trainer.elapsed_s = content["it"], content["elapsed_s"]
     _restore_schedule(trainer, content["schedule"])
     _restore_random_state(trainer, content["random_states"])
+
+
+def check_config(cfg: Mapping, theirs: Mapping | None, path: str) -> None:
+    """Refuse to go on with a run of another configuration; names the first key that differs."""
+    if theirs is None:
+        raise CheckpointError(f"{path}: says nothing of its configuration; use --pretrained_model for its weights")
+    difference = _first_difference(plain(cfg), theirs, ())
+    if difference:
+        key, ours, found = difference
+        raise CheckpointError(
+            f"{path}: made with {key} {found!r}, this run has {ours!r}; choose another --extra_tag, "
+            "or take the weights alone with --pretrained_model"
+        )
+
+
+def _first_difference(ours: Any, theirs: Any, above: tuple[str, ...]) -> tuple[str, Any, Any] | None:
+    if not (isinstance(ours, dict) and isinstance(theirs, dict)):
+        return None if ours == theirs else (".".join(above), ours, theirs)
+    for key in (k for k in ours | theirs if k not in FREE_KEYS):
+        difference = _first_difference(ours.get(key), theirs.get(key), (*above, key))
+        if difference:
+            return difference
+    return None
 
 
 def _plain(plan: BatchPlan) -> dict[str, Any]:

@@ -94,7 +94,8 @@ def _votes_and_states(ranks, toy):
     expected = torch.rand(3)
     restore_run(trainer, content, "a.pth")
     resumed = torch.equal(torch.rand(3), expected)
-    return ranks.any([ranks.rank == 1, False]), ranks.from_first(10 + ranks.rank), resumed, len(content["random_states"])
+    votes = ranks.any([ranks.rank == 1, False])
+    return votes, ranks.from_first(10 + ranks.rank), resumed, len(content["random_states"])
 
 
 def test_ranks_agree_and_each_gets_its_own_random_numbers_back(toy):

@@ -1,0 +1,78 @@
+"""The benchmark table of a trained network, beside the paper's.
+
+python tools/test.py --cfg cfgs/avp/cp_small.yaml --ckpt weights/cp_small.pth
+python tools/test.py --cfg cfgs/avp/cp_small.yaml --ckpt F --combos C+none,C+CL --json result.json
+python tools/test.py --cfg cfgs/avp/cp_small.yaml --eval_all          every checkpoint of a run, on the val split
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+
+from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
+from pcdet_avp.datasets.avp.splits import SPLITS
+from pcdet_avp.engine import distributed
+from pcdet_avp.engine.checkpoint import LATEST, newest_first
+from pcdet_avp.engine.evaluate import as_scalars, parse_combos
+from pcdet_avp.engine.monitor import write_scalars
+from pcdet_avp.engine.outputs import RunFolder, open_log
+from pcdet_avp.engine.testing import TestResult, run_test
+from pcdet_avp.errors import ConfigError
+
+
+def parse_arguments() -> argparse.Namespace:
+    parser = config_parser("Test a trained network.")
+    parser.add_argument("--ckpt", type=Path, help="checkpoint (default: the newest of the run)")
+    parser.add_argument("--combos", default="all", help="all, or names between commas: C+none,C+CL")
+    parser.add_argument("--split", choices=SPLITS, help="default: test; with --eval_all: val")
+    parser.add_argument("--json", type=Path, help="write the result to this file as well")
+    parser.add_argument("--batch_size", type=int, default=1)
+    parser.add_argument("--workers", type=int, default=2, help="processes that load data (default: 2)")
+    parser.add_argument("--extra_tag", default="default", help="name of the run (default: default)")
+    parser.add_argument("--eval_tag", default="default", help="name of this evaluation (default: default)")
+    parser.add_argument("--eval_all", action="store_true", help="test every checkpoint, curves in TensorBoard")
+    parser.add_argument("--ckpt_dir", type=Path, help="folder for --eval_all (default: the run's)")
+    parser.add_argument("--launcher", choices=distributed.LAUNCHERS, default="none", help="pytorch: under torchrun")
+    parser.add_argument("--device", choices=("cpu", "cuda"), help="default: a GPU where there is one")
+    return parser.parse_args()
+
+
+def main() -> None:
+    args = parse_arguments()
+    cfg, combos = load_arguments_config(args), parse_combos(args.combos)
+    ranks = distributed.start(args.launcher, args.device)
+    try:
+        folder = RunFolder.of(args.cfg, args.extra_tag).create()
+        logger = open_log(folder.evaluation, "test", ranks.is_first)
+        split = args.split or ("val" if args.eval_all else "test")
+        for path in _checkpoints(args, folder):
+            loading = {"split": split, "batch_size": args.batch_size, "workers": args.workers, "started": time.time()}
+            result = run_test(cfg, Path(args.cfg).stem, path, combos, ranks, logger, **loading)
+            if ranks.is_first:
+                _report(result, path, folder, args)
+    finally:
+        distributed.stop()
+
+
+def _checkpoints(args: argparse.Namespace, folder: RunFolder) -> list[Path]:
+    if args.ckpt:
+        return [args.ckpt]
+    where = args.ckpt_dir or folder.checkpoints
+    found = newest_first(where)
+    if not found:
+        raise ConfigError(f"{where}: no checkpoint there; name one with --ckpt, or train with tools/train.py")
+    return [path for path in reversed(found) if path.name != LATEST] if args.eval_all else found[:1]
+
+
+def _report(result: TestResult, path: Path, folder: RunFolder, args: argparse.Namespace) -> None:
+    where = folder.evaluation / path.stem / result.meta["split"] / args.eval_tag
+    result.write(where, args.json)
+    if args.eval_all:
+        write_scalars(folder.evaluation / "tensorboard", as_scalars(result.rows), result.meta["iterations"] or 0)
+    print(f"\n{result.tables}\n\nwritten to {where}")
+
+
+if __name__ == "__main__":
+    run_tool(main)
