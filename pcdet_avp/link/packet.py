@@ -22,10 +22,10 @@ from pcdet_avp.link.segment import overhead_bytes, seal, unseal
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """A decoded run of cells: values (cells, C) float32."""
+    """A decoded run of cells: codes (cells, C) uint16 (see ``cell_models``)."""
 
     header: SegmentHeader
-    values: np.ndarray
+    codes: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ def open_body(header: SegmentHeader, body: bytes) -> Segment:
     codes = np.zeros((header.cell_count, fmt.channels), np.uint16)
     if not decode_run(np.frombuffer(body, np.uint8), codes, fmt.width, PRECISIONS[fmt.precision]):
         raise PacketError(f"segment of frame {header.stamp.frame_id}: its body decodes to no map")
-    return Segment(header, from_codes(codes, fmt.precision, fmt.exponents))
+    return Segment(header, codes)
 
 
 class PartialMap:
@@ -89,7 +89,7 @@ class PartialMap:
 
     def __init__(self, header: SegmentHeader) -> None:
         self.stamp, self.format = header.stamp, header.format
-        self._values = np.zeros((self.format.cells, self.format.channels), np.float32)
+        self._codes = np.zeros((self.format.cells, self.format.channels), np.uint16)
         self._present = np.zeros(self.format.cells, bool)
 
     @property
@@ -109,12 +109,13 @@ class PartialMap:
         """Put a segment's cells in their place; a repeated one changes nothing."""
         if not self.holds(segment.header):
             cells = slice(segment.header.first_cell, segment.header.first_cell + segment.header.cell_count)
-            self._values[cells], self._present[cells] = segment.values, True
+            self._codes[cells], self._present[cells] = segment.codes, True
 
     def as_map(self) -> LatentMap:
         """A copy of what is here."""
-        values = np.ascontiguousarray(self._values.T).reshape(self.format.shape)
-        return LatentMap(self.stamp, self.format, values, self._present.reshape(self.format.shape[1:]).copy())
+        fmt = self.format
+        values = from_codes(self._codes, fmt.precision, fmt.exponents).reshape(fmt.shape)
+        return LatentMap(self.stamp, fmt, values, self._present.reshape(fmt.shape[1:]).copy())
 
 
 def _runs(codes: np.ndarray, fmt: MapFormat, budget: int) -> Iterable[tuple[int, int, bytes]]:

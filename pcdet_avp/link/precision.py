@@ -6,6 +6,7 @@ per channel: both directions are exact, and one byte tells it. A value that roun
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 
 from pcdet_avp.errors import PacketError
@@ -23,7 +24,7 @@ def rounded(latent: np.ndarray, precision: str, exponents: np.ndarray | None = N
     if precision == "int8" and exponents is None:
         exponents = int8_exponents(latent)
     codes = to_codes(latent, precision, exponents)
-    return np.ascontiguousarray(from_codes(codes, precision, exponents).T).reshape(latent.shape)
+    return from_codes(codes, precision, exponents).reshape(latent.shape)
 
 
 def int8_exponents(latent: np.ndarray) -> np.ndarray:
@@ -45,9 +46,19 @@ def to_codes(latent: np.ndarray, precision: str, exponents: np.ndarray | None) -
 
 
 def from_codes(codes: np.ndarray, precision: str, exponents: np.ndarray | None) -> np.ndarray:
-    """Values (N, C) float32 of codes (N, C); empty elements are +0."""
-    values = _VALUES[precision].take(codes)
-    return values if precision == "float16" else values * _steps(exponents)
+    """Values (C, N) float32 of codes (N, C); empty elements are +0."""
+    steps = np.ones(codes.shape[1], np.float32) if precision == "float16" else _steps(exponents)
+    return _look_up(codes, _VALUES[precision], steps)
+
+
+@numba.njit(cache=True)
+def _look_up(codes, table, steps):
+    cells, channels = codes.shape
+    values = np.empty((channels, cells), np.float32)
+    for channel in range(channels):
+        for cell in range(cells):
+            values[channel, cell] = table[codes[cell, channel]] * steps[channel]
+    return values
 
 
 def _steps(exponents: np.ndarray) -> np.ndarray:

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from pcdet_avp.errors import PacketError
 from pcdet_avp.link import MapStamp, Receiver, decode, encode
 from pcdet_avp.link.packet import decode_segment
+from pcdet_avp.link.precision import from_codes
 
 STAMP = MapStamp(frame_id=7, time_us=350_000, modality="lidar", x_m=12.5, y_m=-3.25, yaw_rad=0.5)
 SECONDS_EACH, BYTES_EACH = 1.0, 120e6
@@ -87,8 +88,9 @@ def attack(count, seed):
             pass
         else:
             taken += 1
-            assert np.isfinite(segment.values).all()
-            assert segment.values.shape == (segment.header.cell_count, segment.header.format.channels)
+            fmt = segment.header.format
+            assert np.isfinite(from_codes(segment.codes, fmt.precision, fmt.exponents)).all()
+            assert segment.codes.shape == (segment.header.cell_count, fmt.channels)
         slowest = max(slowest, time.perf_counter() - began)
     return slowest, taken
 
