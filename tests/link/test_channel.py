@@ -79,7 +79,7 @@ def test_bursts_hit_fewer_maps_than_scattered_losses_of_the_same_share():
 @pytest.mark.parametrize("loss", [0.0, 0.02, 0.1])
 def test_mean_age_is_half_a_period_plus_air_time_plus_what_losses_add(loss):
     """T / 2 + air time + T (1 - s) / s, where a share s of the maps arrives."""
-    frames, blocks = 6000, 12
+    frames, blocks = 3000, 12
     captures, arrivals = whole_maps(channel(loss=LossModel.independent(loss)), blocks, frames)
     share = (1 - loss) ** blocks
     expected = PERIOD_S / 2 + blocks * SLOT_S + PERIOD_S * (1 - share) / share
