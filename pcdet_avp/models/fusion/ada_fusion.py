@@ -7,6 +7,7 @@ from torch import Tensor
 from pcdet_avp.models.fusion.channel_ada import ChannelAdaFusion
 from pcdet_avp.models.fusion.masked import MapFuser, Maps, Masks, union
 from pcdet_avp.models.fusion.spatial_ada import SpatialAdaFusion
+from pcdet_avp.models.fusion.statistics import statistics
 from pcdet_avp.registry import FUSERS
 
 
@@ -21,6 +22,7 @@ class AdaFusion(MapFuser):
         self.combine = ChannelAdaFusion(model_cfg, slots=2)
 
     def fuse(self, maps: Maps, masks: Masks) -> Tensor:
-        X_spatial, X_channel = self.spatial.fuse(maps, masks), self.channel.fuse(maps, masks)
-        present = union(masks)
+        stats, present = statistics([*maps.values()], [*masks.values()]), union(masks)
+        X_spatial = self.spatial.fuse_statistics(stats, masks)
+        X_channel = self.channel.fuse_statistics(stats, maps, masks)
         return self.combine.fuse({0: X_spatial, 1: X_channel}, {0: present, 1: present})

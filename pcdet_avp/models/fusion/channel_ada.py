@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from pcdet_avp.models.fusion.masked import MapFuser, Maps, Masks
-from pcdet_avp.models.fusion.statistics import descriptors
+from pcdet_avp.models.fusion.statistics import Statistics, descriptors
 from pcdet_avp.registry import FUSERS
 from pcdet_avp.structures.sensor_set import SOURCES
 
@@ -33,24 +33,28 @@ class ChannelAdaFusion(MapFuser):
         nn.init.uniform_(self.weights.weight, 1.0 / slots, 3.0 / slots)
 
     def fuse(self, maps: Maps, masks: Masks) -> Tensor:
-        W = self.map_weights(maps, masks)
-        if self.original_form:
-            factors = {i: W[:, i].view(-1, 1, 1, 1) for i in maps}
-        else:
-            factors = cell_shares(W, masks)
+        described = [descriptors(X, masks[i]) for i, X in maps.items()]
+        map_max, map_avg = (torch.stack(column, 1) for column in zip(*described, strict=True))
+        return self._weighted_sum(self.map_weights(list(maps), map_max, map_avg), maps, masks)
+
+    def fuse_statistics(self, stats: Statistics, maps: Maps, masks: Masks) -> Tensor:
+        """As ``fuse``, where the maps' statistics are known already."""
+        return self._weighted_sum(self.map_weights(list(maps), stats.map_max, stats.map_avg), maps, masks)
+
+    def map_weights(self, slots: list[int], map_max: Tensor, map_avg: Tensor) -> Tensor:
+        """W (B, all slots), not negative, from the descriptors (B, n) of the maps that are in ``slots``."""
+        D = map_max.new_zeros(len(map_max), 2, self.slots)
+        D[:, 0, slots], D[:, 1, slots] = map_max, map_avg
+        D = D.flatten(1).to(self.hidden.weight.dtype)
+        return self.weights(self.hidden(D).sigmoid()).relu().to(map_max.dtype)
+
+    def _weighted_sum(self, W: Tensor, maps: Maps, masks: Masks) -> Tensor:
+        factors = {i: W[:, i].view(-1, 1, 1, 1) for i in maps} if self.original_form else cell_shares(W, masks)
         first, *others = maps
         total = factors[first].to(maps[first].dtype) * maps[first]
         for i in others:
             total = torch.addcmul(total, factors[i].to(maps[i].dtype), maps[i])
         return total
-
-    def map_weights(self, maps: Maps, masks: Masks) -> Tensor:
-        """W (B, slots) float32, non-negative."""
-        first = next(iter(maps.values()))
-        D = first.new_zeros(len(first), 2, self.slots, dtype=self.hidden.weight.dtype)
-        for i, X in maps.items():
-            D[:, 0, i], D[:, 1, i] = descriptors(X, masks[i])
-        return self.weights(self.hidden(D.flatten(1)).sigmoid()).relu().float()
 
 
 def cell_shares(W: Tensor, masks: Masks) -> dict[int, Tensor]:

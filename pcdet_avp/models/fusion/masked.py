@@ -7,10 +7,10 @@ order of the slots, and absent cells add zero.
 
 from __future__ import annotations
 
-import torch
 from torch import Tensor, nn
 
 from pcdet_avp.errors import SensorError
+from pcdet_avp.models.fusion.statistics import hide
 from pcdet_avp.structures.sensor_set import SOURCES
 
 Maps = dict[int, Tensor]
@@ -43,7 +43,7 @@ def slots_of(bev_maps: dict[str, Tensor], bev_valid: dict[str, Tensor]) -> tuple
     if unknown:
         raise SensorError(f"fusion: unknown sources {sorted(unknown)}; known: {', '.join(SOURCES)}")
     masks = {slot: bev_valid[source].bool() for slot, source in enumerate(SOURCES) if source in bev_maps}
-    maps = {slot: torch.where(mask, bev_maps[SOURCES[slot]], 0) for slot, mask in masks.items()}
+    maps = {slot: hide(bev_maps[SOURCES[slot]], mask) for slot, mask in masks.items()}
     return maps, masks
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from torch import Tensor
 
 from pcdet_avp.models.fusion.masked import MapFuser, Maps, Masks
-from pcdet_avp.models.fusion.statistics import max_and_mean
+from pcdet_avp.models.fusion.statistics import statistics
 from pcdet_avp.registry import FUSERS
 
 
@@ -17,7 +17,7 @@ class AverageFusion(MapFuser):
         super().__init__()
 
     def fuse(self, maps: Maps, masks: Masks) -> Tensor:
-        return max_and_mean([*maps.values()], [*masks.values()])[1]
+        return statistics([*maps.values()], [*masks.values()]).X_avg
 
 
 @FUSERS.register("MaxFusion")
@@ -28,4 +28,4 @@ class MaxFusion(MapFuser):
         super().__init__()
 
     def fuse(self, maps: Maps, masks: Masks) -> Tensor:
-        return max_and_mean([*maps.values()], [*masks.values()])[0]
+        return statistics([*maps.values()], [*masks.values()]).X_max

@@ -1,4 +1,4 @@
-"""Mean, maximum and descriptors of masked maps, with gradients written out.
+"""What fusion needs to know of masked maps, with gradients written out.
 
 Left to autograd, these few operations on four maps cost more than the whole backbone, in memory traffic: every step
 would leave tensors of the maps' size behind, and every map would collect its gradient from each of them.
@@ -6,51 +6,80 @@ would leave tensors of the maps' size behind, and every map would collect its gr
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 
-def max_and_mean(maps: list[Tensor], masks: list[Tensor]) -> tuple[Tensor, Tensor]:
-    """X_max and X_avg (B, C, H, W) over the maps present in each cell; zero where there is none.
+@dataclass(frozen=True, eq=False)
+class Statistics:
+    """Of n maps (B, C, H, W): their maximum and mean per cell, over the maps present there, zero where there is none;
+    and the maximum and mean of each map over its present cells, (B, n), zero where there is none."""
 
-    maps (B, C, H, W), zero where absent; masks (B, 1, H, W) bool.
+    X_max: Tensor
+    X_avg: Tensor
+    map_max: Tensor
+    map_avg: Tensor
+
+
+def hide(X: Tensor, mask: Tensor) -> Tensor:
+    """X (B, C, H, W) with zeros where mask (B, 1, H, W) is false, whatever stands there, NaN included.
+
+    The gradient passes unchanged: everything in this package that reads X gives absent cells none.
     """
-    return _MaxAndMean.apply(len(maps), *maps, *masks)
+    return _Hide.apply(X, mask)
 
 
-class _MaxAndMean(torch.autograd.Function):
+class _Hide(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, n: int, *tensors: Tensor) -> tuple[Tensor, Tensor]:
+    def forward(ctx, X: Tensor, mask: Tensor) -> Tensor:
+        return torch.where(mask, X, 0)
+
+    @staticmethod
+    def backward(ctx, grad: Tensor) -> tuple:
+        return grad, None
+
+
+def statistics(maps: list[Tensor], masks: list[Tensor]) -> Statistics:
+    """maps (B, C, H, W), zero where absent; masks (B, 1, H, W) bool."""
+    return Statistics(*_Statistics.apply(len(maps), *maps, *masks))
+
+
+class _Statistics(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx, n: int, *tensors: Tensor) -> tuple[Tensor, ...]:
         maps, masks = tensors[:n], tensors[n:]
-        highest, mean, count = torch.where(masks[0], maps[0], -torch.inf), maps[0] + 0, masks[0].to(maps[0].dtype)
-        for X, m in zip(maps[1:], masks[1:], strict=True):
-            torch.maximum(highest, torch.where(m, X, -torch.inf), out=highest)
+        highest, mean = torch.full_like(maps[0], -torch.inf), torch.zeros_like(maps[0])
+        scratch = torch.empty_like(maps[0])
+        for X, m in zip(maps, masks, strict=True):
+            barrier = torch.where(m, 0, -torch.inf).to(X.dtype)
+            torch.maximum(highest, torch.add(X, barrier, out=scratch), out=highest)
             mean.add_(X)
-            count = count + m
+        count = sum(m.to(mean.dtype) for m in masks)
         highest.masked_fill_(count == 0, 0)
-        count.clamp_(min=1)
+        mean.div_(count.clamp_(min=1))
+        described = [describe(X, m) for X, m in zip(maps, masks, strict=True)]
+        map_max, map_avg, ctx.cells = (torch.stack(column, 1) for column in zip(*described, strict=True))
         ctx.n = n
         ctx.save_for_backward(*tensors, highest, count)
-        return highest, mean.div_(count)
+        return highest, mean, map_max, map_avg
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, grad_max: Tensor, grad_mean: Tensor) -> tuple:
-        """The mean's gradient goes to every map present, the maximum's to the first one that attains it."""
+    def backward(ctx, grad_max: Tensor, grad_mean: Tensor, grad_map_max: Tensor, grad_map_avg: Tensor) -> tuple:
+        """A mean's gradient goes to all that it is made of, a maximum's to the first that attains it."""
         *tensors, highest, count = ctx.saved_tensors
         maps, masks = tensors[: ctx.n], tensors[ctx.n :]
         to_all = grad_mean / count
         to_highest = grad_max + to_all
-        unclaimed, grads = None, []
-        for X, m in zip(maps, masks, strict=True):
-            attains = (highest == X).logical_and_(m)
-            if unclaimed is None:
-                unclaimed = ~attains
-            else:
-                attains.logical_and_(unclaimed)
-                unclaimed.logical_and_(~attains)
-            grads.append(torch.where(attains, to_highest, to_all).mul_(m))
+        claimed, grads = torch.zeros_like(highest, dtype=torch.bool), []
+        for i, (X, m) in enumerate(zip(maps, masks, strict=True)):
+            attains = (highest == X).logical_and_(m).logical_and_(~claimed)
+            claimed.logical_or_(attains)
+            grad = torch.where(attains, to_highest, to_all)
+            grads.append(add_described(grad, X, m, ctx.cells[:, i], grad_map_max[:, i], grad_map_avg[:, i]))
         return None, *grads, *[None] * ctx.n
 
 
@@ -65,20 +94,32 @@ def descriptors(X: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
 class _Descriptors(torch.autograd.Function):
     @staticmethod
     def forward(ctx, X: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
-        cells = mask.flatten(1).sum(1)
-        highest, cell = torch.where(mask[:, 0], X.amax(1), -torch.inf).flatten(1).max(1)
-        present, values = cells > 0, (cells * X.shape[1]).clamp(min=1)
-        ctx.save_for_backward(X, mask, cell, present, values)
-        dtype = torch.promote_types(X.dtype, torch.float32)
-        return torch.where(present, highest, 0).to(dtype), X.sum((1, 2, 3), dtype=dtype) / values
+        highest, mean, ctx.cell = describe(X, mask)
+        ctx.save_for_backward(X, mask)
+        return highest, mean
 
     @staticmethod
     @once_differentiable
     def backward(ctx, grad_max: Tensor, grad_mean: Tensor) -> tuple:
-        """The mean's gradient goes to every present value, the maximum's to the one place that holds it."""
-        X, mask, cell, present, values = ctx.saved_tensors
-        grad = torch.empty_like(X).copy_((grad_mean / values).view(-1, 1, 1, 1).to(X.dtype) * mask)
-        sample, row, col = torch.arange(len(X), device=X.device), cell // X.shape[3], cell % X.shape[3]
-        channel = X[sample, :, row, col].argmax(1)
-        grad[sample, channel, row, col] += (grad_max * present).to(X.dtype)
-        return grad, None
+        X, mask = ctx.saved_tensors
+        return add_described(torch.zeros_like(X), X, mask, ctx.cell, grad_max, grad_mean), None
+
+
+def describe(X: Tensor, mask: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Maximum and mean over the present cells of a map, and the cell (row * W + column) of the maximum: (B,) each."""
+    dtype = torch.promote_types(X.dtype, torch.float32)
+    highest, cell = torch.where(mask[:, 0], X.amax(1), -torch.inf).flatten(1).max(1)
+    cells = mask.flatten(1).sum(1)
+    mean = X.sum((1, 2, 3), dtype=dtype) / (cells * X.shape[1]).clamp(min=1)
+    return torch.where(cells > 0, highest, 0).to(dtype), mean, cell
+
+
+def add_described(grad: Tensor, X: Tensor, mask: Tensor, cell: Tensor, grad_max: Tensor, grad_mean: Tensor) -> Tensor:
+    """Add to ``grad`` (B, C, H, W), in place, the gradient of ``describe``, and clear it where the map is absent."""
+    cells = mask.flatten(1).sum(1)
+    per_value = grad_mean / (cells * X.shape[1]).clamp(min=1)
+    grad.add_(per_value.to(grad.dtype).view(-1, 1, 1, 1)).mul_(mask)
+    sample, row, col = torch.arange(len(X), device=X.device), cell // X.shape[3], cell % X.shape[3]
+    channel = X[sample, :, row, col].argmax(1)
+    grad[sample, channel, row, col] += torch.where(cells > 0, grad_max, 0).to(grad.dtype)
+    return grad

@@ -8,7 +8,7 @@ import torch
 from pcdet_avp.errors import SensorError
 from pcdet_avp.models.fusion.channel_ada import ChannelAdaFusion, cell_shares
 from pcdet_avp.models.fusion.spatial_ada import TwoMapConv3d
-from pcdet_avp.models.fusion.statistics import descriptors, max_and_mean
+from pcdet_avp.models.fusion.statistics import descriptors, statistics
 from pcdet_avp.registry import FUSERS
 from pcdet_avp.structures.sensor_set import SENSOR_SETS, SOURCES
 
@@ -150,10 +150,9 @@ def test_channel_weights_are_normalised_per_cell_and_uniform_where_they_are_all_
 def test_original_form_is_the_plain_weighted_sum():
     data, fuser = batch(share=1.1), make("ChannelAdaFusion", ORIGINAL_FORM=True)
     maps = dict(enumerate(data["bev_maps"].values()))
-    masks = dict(enumerate(data["bev_valid"].values()))
     D = torch.stack([X.amax((1, 2, 3)) for X in maps.values()] + [X.mean((1, 2, 3)) for X in maps.values()], 1)
     weights = (torch.sigmoid(D @ fuser.hidden.weight.T) @ fuser.weights.weight.T).relu()
-    torch.testing.assert_close(fuser.map_weights(maps, masks), weights)
+    torch.testing.assert_close(fuser.map_weights([0, 1, 2, 3], D[:, :4], D[:, 4:]), weights)
     expected = torch.einsum("bn,nbchw->bchw", weights, torch.stack(list(maps.values())))
     torch.testing.assert_close(fused(fuser, data), expected)
     with torch.no_grad():
@@ -195,17 +194,30 @@ def test_gradients_of_the_statistics(n):
     """Absent cells are constants, so their gradient is zero where a finite difference would see a value appear."""
     maps, masks = masked_maps(n)
 
-    def statistics(*maps):
-        hidden = [torch.where(m, X, 0) for X, m in zip(maps, masks, strict=True)]
-        rows = [d for X, m in zip(hidden, masks, strict=True) for d in descriptors(X, m)]
-        return *max_and_mean(hidden, masks), *rows
+    def of_maps(*maps):
+        stats = statistics(list(maps), masks)
+        rows = [d for X, m in zip(maps, masks, strict=True) for d in descriptors(X, m)]
+        return stats.X_max, stats.X_avg, stats.map_max, stats.map_avg, *rows
 
-    assert torch.autograd.gradcheck(statistics, maps)
+    inside = [torch.where(m, X, 0).detach().requires_grad_() for X, m in zip(maps, masks, strict=True)]
+    analytic = torch.autograd.functional.jacobian(
+        lambda *x: torch.cat([o.flatten() for o in of_maps(*x)]), tuple(inside)
+    )
+    for k, (X, m) in enumerate(zip(inside, masks, strict=True)):
+        for place in m.expand_as(X).nonzero()[::5].tolist():
+            bumped = [Y.detach().clone() for Y in inside]
+            bumped[k][tuple(place)] += 1e-6
+            before, after = (torch.cat([o.flatten() for o in of_maps(*x)]).detach() for x in (inside, bumped))
+            torch.testing.assert_close(
+                analytic[k][(slice(None), *place)], (after - before) / 1e-6, atol=1e-5, rtol=1e-5
+            )
+        assert not analytic[k][:, ~m.expand_as(X)].any()
 
 
 def test_statistics_equal_plain_formulas():
     maps, masks = masked_maps(4)
-    X_max, X_avg = max_and_mean(maps, masks)
+    stats = statistics(maps, masks)
+    X_max, X_avg = stats.X_max, stats.X_avg
     for b, r, c in itertools.product(range(2), range(3), range(4)):
         here = [X[b, :, r, c] for X, m in zip(maps, masks, strict=True) if m[b, 0, r, c]]
         expected = torch.stack(here) if here else torch.zeros(1, 3, dtype=torch.float64)
@@ -217,5 +229,5 @@ def test_equal_maps_share_one_gradient_of_the_maximum():
     """Cells that all maps agree on are the rule (empty ones); the gradient must not be counted once per map."""
     maps = [torch.zeros(1, 2, 2, 2, requires_grad=True) for _ in range(3)]
     masks = [torch.ones(1, 1, 2, 2, dtype=torch.bool)] * 3
-    max_and_mean(maps, masks)[0].sum().backward()
+    statistics(maps, masks).X_max.sum().backward()
     assert sum(X.grad for X in maps).tolist() == torch.ones(1, 2, 2, 2).tolist()
