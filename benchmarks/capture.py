@@ -73,7 +73,7 @@ def split_by_part(clock: Clock) -> Iterator[None]:
     }
     with (
         patch.multiple(rig_module, **{n: clock.part_of(part, getattr(rig_module, n)) for n, part in parts.items()}),
-        patch.object(World, "moving_scene", clock.part_of(lambda *_: "moving scene", World.moving_scene)),
+        patch.object(World, "_movers", clock.part_of(lambda *_: "meshes that move", World._movers)),
         patch.object(TriangleScene, "first_hits", clock.embree_of(TriangleScene.first_hits)),
         patch.object(TriangleScene, "blocks", clock.embree_of(TriangleScene.blocks)),
     ):
@@ -105,8 +105,7 @@ def recorded_rays() -> Iterator[list[Rays]]:
 
 def bare_embree(world: World, queries: list[Rays]) -> float:
     """Seconds that Embree alone takes for these rays, all triangles in one scene."""
-    scenes = (world.static_scene, world.moving_scene(), world.ego_scene())
-    merged = TriangleScene([(scene.mesh, 0) for scene in scenes if len(scene)])
+    merged = TriangleScene([(scene.mesh, 0) for scene in world.infra_tracer().scenes])
     merged.blocks(*(array[:1] for array in queries[0][1]))  # builds the tree
     start = time.perf_counter()
     for name, rays in queries:

@@ -83,19 +83,21 @@ class RayTracer:
         """First hit of every ray."""
         origin = np.float32(origins) if np.ndim(origins) == 1 else None
         origins, directions, limits = ray_arrays(origins, directions, limits)
-        hits = Hits(
-            limits.copy(), np.full(len(limits), NO_FACE, np.int32), np.zeros_like(limits), np.zeros_like(limits)
-        )
-        first_face = 0
+        hits, first_face = None, 0
         for scene in self.scenes:
             rows = None if origin is None else scene.candidates(origin, directions)
-            if rows is None:
-                found = scene.first_hits(origins, directions, hits.distance)
-                _keep_nearer(hits, found, first_face, np.flatnonzero(found["primID"] >= 0), None)
-            elif len(rows):
-                found = scene.first_hits(origins[rows], directions[rows], hits.distance[rows])
-                _keep_nearer(hits, found, first_face, np.flatnonzero(found["primID"] >= 0), rows)
+            if hits is None and rows is None:
+                found = scene.first_hits(origins, directions, limits)
+                hits = Hits(found["tfar"], found["primID"] + np.int32(first_face), found["u"], found["v"])
+                hits.face[found["primID"] < 0] = NO_FACE
+            else:
+                hits = hits or _no_hits(limits)
+                rows = np.arange(len(limits)) if rows is None else rows
+                if len(rows):
+                    found = scene.first_hits(origins[rows], directions[rows], hits.distance[rows])
+                    _keep_nearer(hits, found, first_face, rows)
             first_face += len(scene)
+        hits = hits or _no_hits(limits)
         hits.distance[hits.face == NO_FACE] = FAR_M
         return hits
 
@@ -133,9 +135,15 @@ class RayTracer:
         return np.concatenate(arrays) if arrays else np.zeros(shape, dtype)
 
 
-def _keep_nearer(hits: Hits, found: dict[str, np.ndarray], first_face: int, met: np.ndarray, rows) -> None:
-    """Enter what a scene's rays ``met`` into ``hits``; its ray k is ray rows[k] of all (or k where rows is None)."""
-    to = met if rows is None else rows[met]
+def _no_hits(limits: np.ndarray) -> Hits:
+    """Rays that have met nothing yet; their distance is how far they may go."""
+    return Hits(limits.copy(), np.full(len(limits), NO_FACE, np.int32), np.zeros_like(limits), np.zeros_like(limits))
+
+
+def _keep_nearer(hits: Hits, found: dict[str, np.ndarray], first_face: int, rows: np.ndarray) -> None:
+    """Enter what a scene's rays met into ``hits``; its ray k is ray rows[k] of all."""
+    met = np.flatnonzero(found["primID"] >= 0)
+    to = rows[met]
     hits.distance[to] = found["tfar"][met]
     hits.face[to] = found["primID"][met] + np.int32(first_face)
     hits.u[to], hits.v[to] = found["u"][met], found["v"][met]

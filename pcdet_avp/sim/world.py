@@ -52,7 +52,7 @@ class World:
         self._actors = {actor.object_id: actor for actor in actors}
         if len(self._actors) != len(actors) or any(number < 0 for number in self._actors):
             raise GeometryError(f"world: object ids must differ and be >= 0, found {[a.object_id for a in actors]}")
-        self._cache: dict[str, TriangleScene | RayTracer] = {}
+        self._cache: dict[str, list[tuple[Mesh, int]] | TriangleScene | RayTracer] = {}
         self.set_ego(layout.road_start_x, layout.lane_y, 0.0)
 
     @property
@@ -63,18 +63,18 @@ class World:
     def set_ego(self, x: float, y: float, yaw: float) -> None:
         """Put the ego's centre at x, y (m), heading yaw (rad)."""
         self.world_from_ego = Pose.from_xyz_yaw(x, y, yaw=yaw)
-        self._forget("ego_scene", "infra_tracer")
+        self._forget("infra_tracer")
 
     def advance_to(self, time_s: float) -> None:
         """Every scripted road user goes to where it is at a time (s)."""
         if time_s != self.time_s:
             self.time_s = time_s
-            self._forget("moving_scene", "ego_tracer", "infra_tracer")
+            self._forget("movers", "moving_scene", "ego_tracer", "infra_tracer")
 
     def release(self, object_id: int, time_s: float) -> None:
         """Let a waiting road user set off at a time (s)."""
         self._actors[object_id] = released(self._actors[object_id], time_s)
-        self._forget("moving_scene", "ego_tracer", "infra_tracer")
+        self._forget("movers", "moving_scene", "ego_tracer", "infra_tracer")
 
     def road_users(self) -> RoadUsers:
         """Everybody but the ego, at this moment."""
@@ -97,29 +97,25 @@ class World:
 
     def moving_scene(self) -> TriangleScene:
         """Everybody on a trajectory, where they are now."""
-        return self._cached("moving_scene", self._build_moving_scene)
-
-    def ego_scene(self) -> TriangleScene:
-        """The ego's own car."""
-        return self._cached("ego_scene", lambda: TriangleScene([(self._ego_mesh(), EGO_INSTANCE)]))
+        return self._cached("moving_scene", lambda: TriangleScene(self._movers()))
 
     def ego_tracer(self) -> RayTracer:
         """What the ego's sensors can hit: all but itself."""
-        return self._cached("ego_tracer", lambda: RayTracer(self._others()))
+        return self._cached("ego_tracer", lambda: RayTracer([self.static_scene, self.moving_scene()]))
 
     def infra_tracer(self) -> RayTracer:
         """What the mast's sensors can hit: all, the ego included."""
-        return self._cached("infra_tracer", lambda: RayTracer([*self._others(), self.ego_scene()]))
+        return self._cached("infra_tracer", self._build_infra_tracer)
 
-    def _ego_mesh(self) -> Mesh:
-        return car_mesh(EGO_SPEC).transformed(self.world_from_ego)
+    def _build_infra_tracer(self) -> RayTracer:
+        """The ego is among those that move: one small scene more would cost every ray a query more."""
+        ego = car_mesh(EGO_SPEC).transformed(self.world_from_ego), EGO_INSTANCE
+        return RayTracer([self.static_scene, TriangleScene([*self._movers(), ego])])
 
-    def _others(self) -> list[TriangleScene]:
-        return [self.static_scene, self.moving_scene()]
-
-    def _build_moving_scene(self) -> TriangleScene:
-        movers = [actor for actor in self.actors if not stands(actor)]
-        return TriangleScene([(actor.mesh_at(self.time_s), actor.object_id) for actor in movers])
+    def _movers(self) -> list[tuple[Mesh, int]]:
+        """Mesh and object id of everybody on a trajectory, where they are now."""
+        moving = [actor for actor in self.actors if not stands(actor)]
+        return self._cached("movers", lambda: [(actor.mesh_at(self.time_s), actor.object_id) for actor in moving])
 
     def _cached(self, name, build):
         if name not in self._cache:

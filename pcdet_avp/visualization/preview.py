@@ -49,7 +49,7 @@ def _camera_panel(view: AgentView, boxes: np.ndarray, labels: Labels, title: str
 
 def bev_panel(frame: Frame, labels: Labels, grid: BevGrid) -> np.ndarray:
     """(H, 1600, 3): clouds of both agents in the ego frame, label boxes, both agents' BEV ranges."""
-    x_min, x_max, y_min, y_max = -6.0, 62.0, -24.0, 12.0
+    x_min, x_max, y_min, y_max = -8.0, 52.0, -24.0, 12.0
     canvas = BevCanvas(x_min, y_min, x_max, y_max, WIDTH_PX / (x_max - x_min))
     range_corners = np.array([[x, y] for x, y in _rectangle(grid)])
     for view, color, to_ego in ((frame.infra, INFRA_COLOR, frame.ego_from_infra), (frame.ego, EGO_COLOR, None)):
