@@ -66,7 +66,7 @@ def main() -> None:
             folder.write_config(cfg, Path(args.cfg).stem)
             _warn_if_slow(cfg, args.cfg, ranks, logger)
             _make_data(cfg, args, logger)
-        ranks.gather(None)  # the others wait for the data
+        ranks.wait()  # for the data
         name = Path(args.cfg).stem
         last = run_training(cfg, name, folder, _options(args), ranks, logger)
         if not args.no_eval:

@@ -54,6 +54,10 @@ class Ranks:
         dist.all_gather_object(values, value)
         return values
 
+    def wait(self) -> None:
+        """Until every rank is here: what rank 0 wrote before can be read after."""
+        self.gather(None)
+
     def from_first(self, value: Any) -> Any:
         """Rank 0's value, on every rank."""
         return self.gather(value)[0]

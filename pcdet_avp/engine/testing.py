@@ -106,5 +106,6 @@ def store_driving_thresholds(
     chosen = driving_thresholds(dataset, detect(model, dataset, list(SENSOR_SETS), ranks, batch_size, workers))
     if ranks.is_first:
         checkpoint.save(path, content | {THRESHOLDS_KEY: chosen})
+    ranks.wait()
     logger.info("score thresholds for driving: " + ", ".join(f"{name} {score:.3f}" for name, score in chosen.items()))
     return chosen

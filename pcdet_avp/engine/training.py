@@ -78,6 +78,7 @@ def run_training(
     finally:
         if monitor:
             monitor.close()
+    ranks.wait()
     logger.info(f"trained {trainer.iteration} iterations in {trainer.elapsed_s / 60:.1f} minutes")
     return folder.checkpoints / epoch_file(trainer)
 

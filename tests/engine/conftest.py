@@ -1,9 +1,16 @@
-"""``toy``: the module beside this file, which subprocesses of the tests run as well."""
+"""``toy``: the module beside this file; ``in_two_processes``: what torchrun does, in forks."""
 
 import importlib.util
+import multiprocessing
+import os
+import socket
+import sys
 from pathlib import Path
 
 import pytest
+import torch
+
+from pcdet_avp.engine import distributed
 
 
 @pytest.fixture(scope="session")
@@ -12,3 +19,39 @@ def toy():
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+@pytest.fixture(scope="session")
+def in_two_processes():
+    """``in_two_processes(work, *arguments)``: what ``work(ranks, *arguments)`` returned on either rank."""
+    return _in_two_processes
+
+
+def _free_port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def _in_two_processes(work, *arguments):
+    """Run ``work(ranks, *arguments)`` as torchrun would, in forks; what each rank returned."""
+    context, port = multiprocessing.get_context("fork"), _free_port()
+    queue = context.SimpleQueue()
+    processes = [context.Process(target=_rank, args=(work, r, port, queue, arguments)) for r in range(2)]
+    for process in processes:
+        process.start()
+    results = dict(queue.get() for _ in processes)
+    for process in processes:
+        process.join(60)
+        assert process.exitcode == 0
+    return [results[0], results[1]]
+
+
+def _rank(work, rank, port, queue, arguments):
+    torch.set_num_threads(1)
+    place = {"RANK": rank, "LOCAL_RANK": rank, "WORLD_SIZE": 2, "MASTER_ADDR": "127.0.0.1", "MASTER_PORT": port}
+    os.environ.update({key: str(value) for key, value in place.items()})
+    ranks = distributed.start("pytorch", "cpu")
+    queue.put((rank, work(ranks, *arguments)))
+    distributed.stop()
+    sys.exit(0)

@@ -1,10 +1,5 @@
 """Two processes on one machine: the same batch, the same gradients, the same decisions."""
 
-import multiprocessing
-import os
-import socket
-import sys
-
 import pytest
 import torch
 
@@ -13,36 +8,6 @@ from pcdet_avp.engine.run_state import restore_run, run_state
 from pcdet_avp.errors import ConfigError, TrainingError
 
 STEPS = 8  # enough for combinations with and without the LiDAR's encoder
-
-
-def _free_port():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
-
-
-def _in_two_processes(work, *arguments):
-    """Run ``work(ranks, *arguments)`` as torchrun would, in forks; what each rank returned."""
-    context, port = multiprocessing.get_context("fork"), _free_port()
-    queue = context.SimpleQueue()
-    processes = [context.Process(target=_rank, args=(work, r, port, queue, arguments)) for r in range(2)]
-    for process in processes:
-        process.start()
-    for process in processes:
-        process.join(60)
-        assert process.exitcode == 0
-    results = dict(queue.get() for _ in processes)
-    return [results[0], results[1]]
-
-
-def _rank(work, rank, port, queue, arguments):
-    torch.set_num_threads(1)
-    place = {"RANK": rank, "LOCAL_RANK": rank, "WORLD_SIZE": 2, "MASTER_ADDR": "127.0.0.1", "MASTER_PORT": port}
-    os.environ.update({key: str(value) for key, value in place.items()})
-    ranks = distributed.start("pytorch", "cpu")
-    queue.put((rank, work(ranks, *arguments)))
-    distributed.stop()
-    sys.exit(0)
 
 
 def _gradients(trainer):
@@ -65,10 +30,10 @@ def _same(ours, theirs):
     return torch.allclose(torch.tensor(ours), torch.tensor(theirs), rtol=1e-5, atol=1e-8)
 
 
-def test_two_ranks_have_the_gradients_of_one_process_with_the_whole_batch(toy):
+def test_two_ranks_have_the_gradients_of_one_process_with_the_whole_batch(toy, in_two_processes):
     alone = _train(distributed.start(device="cpu"), toy)
     assert {combo.partition("+")[0] for combo, _ in alone} == {"C", "CL"}
-    for of_rank in _in_two_processes(_train, toy):
+    for of_rank in in_two_processes(_train, toy):
         for (combo, theirs), (same_combo, ours) in zip(alone, of_rank, strict=True):
             assert combo == same_combo
             assert all(_same(ours[name], theirs[name]) for name in theirs), combo
@@ -83,8 +48,8 @@ def _one_rank_has_a_nan(ranks, toy):
         return str(error)
 
 
-def test_a_nan_on_one_rank_stops_both(toy):
-    assert all("iteration 0" in text for text in _in_two_processes(_one_rank_has_a_nan, toy))
+def test_a_nan_on_one_rank_stops_both(toy, in_two_processes):
+    assert all("iteration 0" in text for text in in_two_processes(_one_rank_has_a_nan, toy))
 
 
 def _votes_and_states(ranks, toy):
@@ -98,8 +63,8 @@ def _votes_and_states(ranks, toy):
     return votes, ranks.from_first(10 + ranks.rank), resumed, len(content["random_states"])
 
 
-def test_ranks_agree_and_each_gets_its_own_random_numbers_back(toy):
-    assert _in_two_processes(_votes_and_states, toy) == [([True, False], 10, True, 2)] * 2
+def test_ranks_agree_and_each_gets_its_own_random_numbers_back(toy, in_two_processes):
+    assert in_two_processes(_votes_and_states, toy) == [([True, False], 10, True, 2)] * 2
 
 
 def test_a_launcher_needs_its_environment(monkeypatch):
