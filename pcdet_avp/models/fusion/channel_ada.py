@@ -49,7 +49,7 @@ class ChannelAdaFusion(MapFuser):
         return self.weights(self.hidden(D).sigmoid()).relu().to(map_max.dtype)
 
     def _weighted_sum(self, W: Tensor, maps: Maps, masks: Masks) -> Tensor:
-        factors = {i: W[:, i].view(-1, 1, 1, 1) for i in maps} if self.original_form else cell_shares(W, masks)
+        factors = cell_weights(W, masks) if self.original_form else cell_shares(W, masks)
         first, *others = maps
         total = factors[first].to(maps[first].dtype) * maps[first]
         for i in others:
@@ -57,9 +57,14 @@ class ChannelAdaFusion(MapFuser):
         return total
 
 
+def cell_weights(W: Tensor, masks: Masks) -> dict[int, Tensor]:
+    """m_i W_i per cell, (B, 1, H, W) each, from W (B, slots)."""
+    return {i: torch.where(mask, W[:, i].view(-1, 1, 1, 1), 0) for i, mask in masks.items()}
+
+
 def cell_shares(W: Tensor, masks: Masks) -> dict[int, Tensor]:
     """Per cell m_i W_i / max(sum(m_i W_i), eps), (B, 1, H, W) each; 1 / n over the n present if the sum is zero."""
-    weighted = {i: torch.where(mask, W[:, i].view(-1, 1, 1, 1), 0) for i, mask in masks.items()}
+    weighted = cell_weights(W, masks)
     total = sum(weighted.values())
     count = sum(mask.to(W.dtype) for mask in masks.values()).clamp(min=1)
     return {i: torch.where(total > 0, w / total.clamp(min=EPS), masks[i] / count) for i, w in weighted.items()}
