@@ -24,7 +24,7 @@ def build_optimizer(model: nn.Module, optim_cfg: dict) -> torch.optim.AdamW:
     beta_2 = float(optim_cfg.get("BETAS", (0.9, BETA_2))[1])
     decay = float(require(optim_cfg, "WEIGHT_DECAY", (int, float)))
     lr = float(require(optim_cfg, "LR", (int, float)))
-    return torch.optim.AdamW(parameters, lr=lr, betas=(0.9, beta_2), weight_decay=decay)
+    return torch.optim.AdamW(parameters, lr=lr, betas=(0.9, beta_2), weight_decay=decay, fused=True)
 
 
 def set_point(optimizer: torch.optim.Optimizer, lr: float, beta_1: float) -> None:

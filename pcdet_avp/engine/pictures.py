@@ -14,6 +14,7 @@ from pcdet_avp.structures.pose import Pose
 from pcdet_avp.visualization.draw import BevCanvas, put_text
 
 PX_PER_M = 8.0
+POINT_STRENGTH = 0.4  # light that one point adds
 EGO_LIGHT, INFRA_LIGHT = (235, 235, 235), (90, 150, 255)
 TRUE_COLOR, FOUND_COLORS = (60, 200, 60), ((255, 160, 40), (255, 70, 160))  # of a car, of a pedestrian
 MIN_SCORE = 0.3
@@ -27,8 +28,8 @@ def bev_picture(sample: Mapping, prediction: Mapping[str, np.ndarray], grid: Bev
     """
     canvas = BevCanvas(grid.x_min_m, grid.y_min_m, grid.x_max_m, grid.y_max_m, PX_PER_M)
     ego_from_infra = Pose(np.asarray(sample["ego_from_infra"], np.float64))
-    canvas.points(ego_from_infra.apply(sample["points_infra"][:, :3]), INFRA_LIGHT)
-    canvas.points(sample["points"], EGO_LIGHT)
+    canvas.points(ego_from_infra.apply(sample["points_infra"][:, :3]), INFRA_LIGHT, POINT_STRENGTH)
+    canvas.points(sample["points"], EGO_LIGHT, POINT_STRENGTH)
     true = sample["gt_boxes"]
     canvas.boxes(true, np.tile(TRUE_COLOR, (len(true), 1)), thickness=1)
     shown = prediction["pred_scores"] >= MIN_SCORE
