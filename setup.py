@@ -18,7 +18,7 @@ setup(
     package_data={"pcdet_avp.evaluation": ["paper_tables.json"]},
     python_requires=">=3.10",
     install_requires=[
-        "torch>=2.4",
+        "torch>=2.6",
         "numpy>=1.26",
         "numba>=0.59",
         "opencv-python-headless>=4.8",

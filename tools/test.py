@@ -26,12 +26,13 @@ def parse_arguments() -> argparse.Namespace:
     parser = config_parser("Test a trained network.")
     parser.add_argument("--ckpt", type=Path, help="checkpoint (default: the newest of the run)")
     parser.add_argument("--combos", default="all", help="all, or names between commas: C+none,C+CL")
+    parser.add_argument("--wire", action="store_true", help="send every roadside map through encoded bytes")
     parser.add_argument("--split", choices=SPLITS, help="default: test; with --eval_all: val")
     parser.add_argument("--json", type=Path, help="write the result to this file as well")
     parser.add_argument("--batch_size", type=int, default=1)
     parser.add_argument("--workers", type=int, default=2, help="processes that load data (default: 2)")
     parser.add_argument("--extra_tag", default="default", help="name of the run (default: default)")
-    parser.add_argument("--eval_tag", default="default", help="name of this evaluation (default: default)")
+    parser.add_argument("--eval_tag", help="name of this evaluation (default: default, or wire)")
     parser.add_argument("--eval_all", action="store_true", help="test every checkpoint, curves in TensorBoard")
     parser.add_argument("--ckpt_dir", type=Path, help="folder for --eval_all (default: the run's)")
     parser.add_argument("--launcher", choices=distributed.LAUNCHERS, default="none", help="pytorch: under torchrun")
@@ -48,8 +49,8 @@ def main() -> None:
         logger = open_log(folder.evaluation, "test", ranks.is_first)
         split = args.split or ("val" if args.eval_all else "test")
         for path in _checkpoints(args, folder):
-            loading = {"split": split, "batch_size": args.batch_size, "workers": args.workers, "started": time.time()}
-            result = run_test(cfg, Path(args.cfg).stem, path, combos, ranks, logger, **loading)
+            how = {"split": split, "batch_size": args.batch_size, "workers": args.workers, "wire": args.wire}
+            result = run_test(cfg, Path(args.cfg).stem, path, combos, ranks, logger, **how, started=time.time())
             if ranks.is_first:
                 _report(result, path, folder, args)
     finally:
@@ -67,7 +68,9 @@ def _checkpoints(args: argparse.Namespace, folder: RunFolder) -> list[Path]:
 
 
 def _report(result: TestResult, path: Path, folder: RunFolder, args: argparse.Namespace) -> None:
-    where = folder.evaluation / path.stem / result.meta["split"] / args.eval_tag
+    where = (
+        folder.evaluation / path.stem / result.meta["split"] / (args.eval_tag or ("wire" if args.wire else "default"))
+    )
     result.write(where, args.json)
     if args.eval_all:
         write_scalars(folder.evaluation / "tensorboard", as_scalars(result.rows), result.meta["iterations"] or 0)

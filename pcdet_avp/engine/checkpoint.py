@@ -7,10 +7,7 @@ A file holds tensors and plain values only (``torch.load(weights_only=True)``). 
 from __future__ import annotations
 
 import hashlib
-import io
 import os
-import pickle
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -19,10 +16,9 @@ import torch
 from torch import nn
 
 from pcdet_avp.errors import CheckpointError
+from pcdet_avp.models.checkpoint_file import read_checkpoint
 
 LATEST = "latest_model.pth"
-UNREADABLE = (RuntimeError, EOFError, KeyError, ValueError, AttributeError, TypeError)
-UNREADABLE += (pickle.UnpicklingError, zipfile.BadZipFile)
 
 
 def save(path: Path, content: Mapping[str, Any]) -> None:
@@ -39,33 +35,6 @@ def save(path: Path, content: Mapping[str, Any]) -> None:
     except (OSError, RuntimeError) as error:
         aside.unlink(missing_ok=True)
         raise CheckpointError(f"{path}: cannot write this checkpoint ({error})") from error
-
-
-def load(path: str | os.PathLike, device: torch.device | str = "cpu") -> dict[str, Any]:
-    """Read a checkpoint of ours or OpenPCDet's: a mapping with ``model_state``."""
-    try:
-        file = io.BytesIO(Path(path).read_bytes())
-    except OSError as error:
-        raise CheckpointError(f"{path}: cannot read this checkpoint ({error.strerror})") from error
-    try:
-        _check_sums(file)
-        content = torch.load(file, map_location=device, weights_only=True)
-    except UNREADABLE as error:
-        reason = str(error).strip().splitlines() or [type(error).__name__]
-        raise CheckpointError(f"{path}: truncated, damaged or no checkpoint at all ({reason[0][:120]})") from error
-    if not isinstance(content, dict) or not isinstance(content.get("model_state"), dict):
-        raise CheckpointError(f"{path}: expected a mapping with 'model_state', found {_outline(content)}")
-    return content
-
-
-def _check_sums(file: io.BytesIO) -> None:
-    """torch writes a checksum with every tensor but does not look at it when it reads."""
-    if zipfile.is_zipfile(file):
-        with zipfile.ZipFile(file) as archive:
-            bad = archive.testzip()
-        if bad is not None:
-            raise ValueError(f"wrong checksum of {bad}")
-    file.seek(0)
 
 
 def load_model(model: nn.Module, content: Mapping[str, Any], path: str | os.PathLike) -> None:
@@ -106,7 +75,7 @@ def load_newest(folder: Path, device: torch.device | str = "cpu") -> tuple[Path,
     damaged: dict[Path, str] = {}
     for path in newest_first(folder):
         try:
-            content = load(path, device)
+            content = read_checkpoint(path, device)
         except CheckpointError as error:
             damaged[path] = str(error)
             continue
@@ -138,7 +107,3 @@ def _sync_folder(folder: Path) -> None:
             os.fsync(handle)
         finally:
             os.close(handle)
-
-
-def _outline(content: Any) -> str:
-    return f"keys {', '.join(map(str, list(content)[:6]))}" if isinstance(content, dict) else type(content).__name__

@@ -15,8 +15,10 @@ from pcdet_avp.engine import checkpoint
 from pcdet_avp.engine.distributed import Ranks
 from pcdet_avp.engine.evaluate import benchmark, detect, driving_thresholds
 from pcdet_avp.engine.outputs import write_json, write_text
+from pcdet_avp.engine.wire import Wire
 from pcdet_avp.evaluation.benchmark_table import render
 from pcdet_avp.models import build_network
+from pcdet_avp.models.checkpoint_file import read_checkpoint
 from pcdet_avp.provenance import provenance
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
 
@@ -51,7 +53,7 @@ def load_network(
     cfg: Mapping, path: Path, dataset: Any, ranks: Ranks, logger: logging.Logger
 ) -> tuple[nn.Module, dict[str, Any]]:
     """(network with the checkpoint's weights, the checkpoint's content)."""
-    content = checkpoint.load(path)
+    content = read_checkpoint(path)
     model = build_network(cfg.MODEL, len(cfg.CLASS_NAMES), dataset).to(ranks.device)
     checkpoint.load_model(model, content, path)
     logger.info(f"{path}: iteration {content.get('it', '?')}")
@@ -69,20 +71,21 @@ def run_test(
     split: str = "test",
     batch_size: int = 1,
     workers: int = 0,
+    wire: bool = False,
     started: float | None = None,
 ) -> TestResult:
-    """Evaluate a checkpoint on a split with the given sensor combinations."""
+    """Evaluate a checkpoint on a split; ``wire`` sends every roadside map through encoded bytes."""
     dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split=split, logger=logger)
     model, content = load_network(cfg, path, dataset, ranks, logger)
-    found = detect(model, dataset, combos, ranks, batch_size, workers)
+    found = detect(model, dataset, combos, ranks, batch_size, workers, Wire(model.codec) if wire else None)
     rows, texts = benchmark(dataset, found, content.get(THRESHOLDS_KEY))
     seed = content.get("sampler", {}).get("seed")
     weights = checkpoint.weights_hash(content["model_state"])
     meta = provenance(cfg, config_name, seed=seed, weights_hash=weights, started=started)
-    return TestResult(meta | _about(path, content, dataset), rows, texts)
+    return TestResult(meta | _about(path, content, dataset, wire), rows, texts)
 
 
-def _about(path: Path, content: Mapping[str, Any], dataset: Any) -> dict[str, Any]:
+def _about(path: Path, content: Mapping[str, Any], dataset: Any, wire: bool) -> dict[str, Any]:
     return {
         "checkpoint": Path(path).name,
         "iterations": content.get("it"),
@@ -90,7 +93,7 @@ def _about(path: Path, content: Mapping[str, Any], dataset: Any) -> dict[str, An
         "split": dataset.split,
         "frames": len(dataset),
         THRESHOLDS_KEY: content.get(THRESHOLDS_KEY),
-        "bytes_per_map": "null: maps were not encoded into packets in this run",
+        "bytes_per_map": "mean len of all segments of a map" if wire else "not measured: run with --wire",
     }
 
 
@@ -98,7 +101,7 @@ def store_driving_thresholds(
     cfg: Mapping, path: Path, ranks: Ranks, logger: logging.Logger, batch_size: int = 1, workers: int = 0
 ) -> dict[str, float]:
     """Choose a score threshold per class on the validation split and write it into the checkpoint; done once."""
-    content = checkpoint.load(path)
+    content = read_checkpoint(path)
     if THRESHOLDS_KEY in content:
         return content[THRESHOLDS_KEY]
     dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split="val", logger=logger)

@@ -27,6 +27,7 @@ from pcdet_avp.engine.time_budget import TimeBudget
 from pcdet_avp.engine.trainer import Trainer
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.models import build_network
+from pcdet_avp.models.checkpoint_file import read_checkpoint
 from pcdet_avp.provenance import versions
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
 
@@ -110,7 +111,7 @@ def build_trainer(cfg: Mapping, dataset: Any, options: TrainOptions, ranks: Rank
 def resume(trainer: Trainer, cfg: Mapping, folder: RunFolder, options: TrainOptions, logger: logging.Logger) -> None:
     """Go on from ``--ckpt``, or from the newest checkpoint in the run's folder that can be read, if there is any."""
     if options.ckpt:
-        found = (options.ckpt, checkpoint.load(options.ckpt), [])
+        found = (options.ckpt, read_checkpoint(options.ckpt), [])
     else:
         found = trainer.ranks.from_first(_newest(trainer, folder))
     if found is None:

@@ -14,6 +14,7 @@ from pcdet_avp.engine.loop import Keeper, train
 from pcdet_avp.engine.run_state import restore_run
 from pcdet_avp.engine.time_budget import ENOUGH_ITERATIONS, WARM_UP, TimeBudget
 from pcdet_avp.errors import TrainingError
+from pcdet_avp.models.checkpoint_file import read_checkpoint
 
 LAST = "checkpoint_epoch_30.pth"  # 60 iterations of two an epoch
 STEP_S = 0.02
@@ -75,7 +76,7 @@ def test_a_run_killed_then_interrupted_ends_with_the_weights_of_one_that_never_s
     _stop_in_the_middle(toy, folder, signal.SIGINT, 130)
     _start(toy, folder).join(30)
     assert len(list(folder.glob("began_at_*"))) == 3
-    resumed = checkpoint.load(folder / LAST)["model_state"]
+    resumed = read_checkpoint(folder / LAST)["model_state"]
     assert all(torch.equal(resumed[key], value) for key, value in straight.model.state_dict().items())
 
 
@@ -85,7 +86,7 @@ def test_epochs_are_kept_at_their_interval_with_what_they_are_about(tmp_path, to
     train(trainer, toy.make_batches(trainer), keeper, toy.silent())
     names = {p.name for p in tmp_path.iterdir()}
     assert names == {"checkpoint_epoch_5.pth", "checkpoint_epoch_10.pth", "checkpoint_epoch_12.pth"}
-    assert checkpoint.load(tmp_path / "checkpoint_epoch_12.pth")["config"] == {"A": 1}
+    assert read_checkpoint(tmp_path / "checkpoint_epoch_12.pth")["config"] == {"A": 1}
 
 
 def test_a_budget_fixes_the_length_from_the_measured_rate():
@@ -117,7 +118,7 @@ def test_a_training_in_a_budget_runs_through_its_whole_cycle(toy, tmp_path):
     assert trainer.iteration == trainer.schedule.total < 100_000
     assert trainer.elapsed_s < 2.5
     (last,) = tmp_path.glob("*.pth")
-    assert checkpoint.load(last)["schedule"]["total"] == trainer.iteration
+    assert read_checkpoint(last)["schedule"]["total"] == trainer.iteration
 
 
 def test_a_nan_saves_nothing(toy, tmp_path):

@@ -6,6 +6,7 @@ import torch
 from pcdet_avp.engine import checkpoint
 from pcdet_avp.engine.run_state import restore_run, run_state
 from pcdet_avp.errors import CheckpointError
+from pcdet_avp.models.checkpoint_file import read_checkpoint
 
 
 def _run(toy, trainer, steps):
@@ -15,7 +16,7 @@ def _run(toy, trainer, steps):
 
 def _reload(trainer, tmp_path):
     checkpoint.save(tmp_path / "a.pth", run_state(trainer))
-    return checkpoint.load(tmp_path / "a.pth")
+    return read_checkpoint(tmp_path / "a.pth")
 
 
 @pytest.mark.parametrize("stop", [1, 7, 10])

@@ -11,11 +11,14 @@ from pcdet_avp.config import load_config
 from pcdet_avp.datasets import build_dataset
 from pcdet_avp.engine import checkpoint, distributed
 from pcdet_avp.engine.distributed import Ranks
+from pcdet_avp.engine.evaluate import benchmark, detect
 from pcdet_avp.engine.loader import batches
 from pcdet_avp.engine.pictures import detection_picture
 from pcdet_avp.engine.run_state import restore_run, run_state
 from pcdet_avp.engine.sampler import CombinationBatchSampler
 from pcdet_avp.engine.training import TrainOptions, build_trainer
+from pcdet_avp.engine.wire import Wire
+from pcdet_avp.models.checkpoint_file import read_checkpoint
 
 CFG = Path(__file__).parents[2] / "cfgs" / "avp" / "cp_tiny.yaml"
 CPU = Ranks(torch.device("cpu"))
@@ -46,7 +49,7 @@ def test_resumed_equals_uninterrupted_bit_for_bit(cfg, tmp_path):
     _run(cfg, dataset, first, 2)
     checkpoint.save(tmp_path / "a.pth", run_state(first))
     dataset, second = _trainer(cfg)
-    restore_run(second, checkpoint.load(tmp_path / "a.pth"), "a.pth")
+    restore_run(second, read_checkpoint(tmp_path / "a.pth"), "a.pth")
     assert _run(cfg, dataset, second, 2) == expected[2:]
     ours, theirs = second.model.state_dict(), straight.model.state_dict()
     assert all(torch.equal(ours[key], theirs[key]) for key in theirs)
@@ -95,3 +98,20 @@ def test_a_picture_leaves_the_run_as_it_was(cfg):
     assert picture.max() > 100
     assert torch.equal(before, torch.get_rng_state())
     assert trainer.model.training
+
+
+def test_detections_through_bytes_are_the_detections_without(cfg):
+    _, trainer = _trainer(cfg)
+    test_set = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False)
+    combos = ["CL+none", "C+CL"]
+    plain = detect(trainer.model, test_set, combos, CPU)
+    wired = detect(trainer.model, test_set, combos, CPU, wire=Wire(trainer.model.codec))
+    assert sum(len(d.boxes) for d in plain.detections["C+CL"]) > 0
+    for combo in combos:
+        for ours, theirs in zip(wired.detections[combo], plain.detections[combo], strict=True):
+            assert np.array_equal(ours.boxes, theirs.boxes)
+            assert np.array_equal(ours.scores, theirs.scores)
+    sent = {row["combo"]: row["bytes_per_map"] for row in benchmark(test_set, wired)[0]}
+    assert sent["CL+none"] == {"camera": None, "lidar": None}
+    assert min(sent["C+CL"].values()) > 0
+    assert plain.bytes_per_map("C+CL") == {}

@@ -11,10 +11,11 @@ import torch
 from torch import Tensor, nn
 
 from pcdet_avp.errors import SensorError
+from pcdet_avp.models.checkpoint_file import read_checkpoint
 from pcdet_avp.models.detectors.build import build_modules
 from pcdet_avp.models.detectors.map_dropout import drop_roadside_maps
 from pcdet_avp.models.detectors.post_processing import PostProcessing
-from pcdet_avp.models.detectors.weights import load_weights, read_checkpoint
+from pcdet_avp.models.detectors.weights import load_weights
 from pcdet_avp.registry import DETECTORS
 from pcdet_avp.structures.sensor_set import SOURCES
 

@@ -1,32 +1,15 @@
-"""Weights from files: our own checkpoints and OpenPCDet's. Only tensors and plain values are read, no code is run."""
+"""Weights into a network: our own and OpenPCDet's."""
 
 from __future__ import annotations
 
 import logging
 import os
-import pickle
 from collections.abc import Mapping
-from typing import Any
 
-import torch
 from torch import Tensor, nn
 
 from pcdet_avp.errors import CheckpointError
 from pcdet_avp.models.norm import drop_foreign_norms
-
-UNREADABLE = (OSError, RuntimeError, EOFError, KeyError, ValueError, TypeError, AttributeError, pickle.UnpicklingError)
-
-
-def read_checkpoint(path: str | os.PathLike, device: torch.device | str = "cpu") -> dict[str, Any]:
-    """The content of a checkpoint; CheckpointError where it is missing, truncated, damaged or none at all."""
-    try:
-        content = torch.load(path, map_location=device, weights_only=True)
-    except UNREADABLE as error:
-        reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
-        raise CheckpointError(f"{path}: missing, truncated or no checkpoint ({reason[:120]})") from error
-    if not isinstance(content, dict) or not isinstance(content.get("model_state"), dict):
-        raise CheckpointError(f"{path}: expected a mapping with 'model_state'")
-    return content
 
 
 def load_weights(
