@@ -1,0 +1,74 @@
+"""tools/test.py as a user meets it."""
+
+import json
+
+import pytest
+
+from pcdet_avp.errors import CheckpointError, ConfigError, SensorError
+from pcdet_avp.structures.sensor_set import SENSOR_SETS
+
+COLUMNS = {"easy", "hard", "overall"}
+
+
+@pytest.fixture(scope="module")
+def results(call, trained, tmp_path_factory):
+    """Results of the trained network, without and with bytes on the wire."""
+    folder, ckpt = tmp_path_factory.mktemp("tested"), trained / "ckpt" / "checkpoint_epoch_2.pth"
+    call(folder, "test", "--ckpt", ckpt, "--json", folder / "plain.json")
+    call(folder, "test", "--ckpt", ckpt, "--json", folder / "wire.json", "--wire")
+    return [json.loads((folder / f"{name}.json").read_text()) for name in ("plain", "wire")]
+
+
+def test_the_json_file_has_the_documented_form(results):
+    plain, _ = results
+    assert [row["combo"] for row in plain["rows"] if row["region"] == "camera_fov"] == list(SENSOR_SETS)
+    for row in plain["rows"]:
+        assert row["region"] in ("camera_fov", "full_range")
+        assert set(row["Car"]) == set(row["Pedestrian"]) == COLUMNS
+        assert all({"0.7", "0.01"} <= set(cell) for cell in row["Car"].values())
+        assert all({"0.3", "0.01"} <= set(cell) for cell in row["Pedestrian"].values())
+        assert row["bytes_per_map"] == {"camera": None, "lidar": None}
+
+
+def test_the_json_file_says_where_it_comes_from(results):
+    meta = results[0]["meta"]
+    assert (meta["config"], meta["split"], meta["frames"], meta["seed"]) == ("cp_tiny", "test", 1, 0)
+    assert len(meta["weights_hash"]) == len(meta["config_hash"]) == 16
+    assert set(meta["score_thresholds"]) == {"Car", "Pedestrian"}
+    assert meta["wall_time_s"] > 0
+
+
+def test_the_wire_changes_the_bytes_and_nothing_else(results):
+    plain, wired = results
+    for ours, theirs in zip(wired["rows"], plain["rows"], strict=True):
+        sent = {"camera": "+C" in ours["combo"], "lidar": "+CL" in ours["combo"]}
+        assert {modality: size is not None for modality, size in ours["bytes_per_map"].items()} == sent
+        assert {**ours, "bytes_per_map": None} == {**theirs, "bytes_per_map": None}
+
+
+def test_some_combinations_on_another_split_print_their_rows(call, trained, capsys):
+    call(trained.parents[3], "test", "--combos", "CL+CL,C+none", "--split", "val")
+    printed = capsys.readouterr().out
+    assert printed.count("| ours ") == printed.count("| paper ") == 4
+    assert (trained / "eval" / "checkpoint_epoch_2" / "val" / "default" / "result.json").exists()
+
+
+def test_every_checkpoint_of_a_run_gives_a_curve(call, trained):
+    call(trained.parents[3], "test", "--eval_all", "--combos", "C+none")
+    assert all((trained / "eval" / f"checkpoint_epoch_{n}" / "val").exists() for n in (1, 2))
+    assert list((trained / "eval" / "tensorboard").iterdir())
+
+
+def test_weights_of_another_configuration_are_named_by_the_first_difference(call, trained, tmp_path):
+    ckpt = trained / "ckpt" / "checkpoint_epoch_2.pth"
+    with pytest.raises(CheckpointError, match=r"another configuration: encoders\..*: expected .*, found "):
+        call(tmp_path, "test", "--ckpt", ckpt, overrides=["MODEL.NUM_BEV_FEATURES", 32])
+
+
+def test_what_does_not_exist_is_said_so(call, trained, tmp_path):
+    with pytest.raises(ConfigError, match="no checkpoint there; name one with --ckpt"):
+        call(tmp_path, "test")
+    with pytest.raises(SensorError, match="unknown sensor combination 'L'"):
+        call(tmp_path, "test", "--combos", "L")
+    with pytest.raises(CheckpointError, match=r"none\.pth: cannot read"):
+        call(tmp_path, "test", "--ckpt", tmp_path / "none.pth")

@@ -1,0 +1,136 @@
+"""tools/train.py as a user meets it."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+from pcdet_avp.errors import CheckpointError, ConfigError
+from pcdet_avp.models.checkpoint_file import read_checkpoint
+
+REPOSITORY = Path(__file__).parents[2]
+LAST = "checkpoint_epoch_2.pth"
+
+
+@pytest.fixture
+def workplace(trained, tmp_path):
+    """A copy of the trained run, to go on from; the new run's folder."""
+    run = tmp_path / "output" / "avp" / "cp_tiny" / "default"
+    shutil.copytree(trained, run)
+    return tmp_path, run
+
+
+def _log(run):
+    return "".join(file.read_text() for file in sorted(run.glob("train_*.log")))
+
+
+def test_a_run_leaves_checkpoints_curves_pictures_a_log_its_configuration_and_a_benchmark(trained):
+    assert (trained / "ckpt" / "checkpoint_epoch_1.pth").exists()
+    assert "NUM_EPOCHS: 2" in (trained / "cp_tiny.yaml").read_text()
+    assert "parameters; 4 frames, 2 iterations of 2 an epoch, 4 in all" in _log(trained)
+    curves = EventAccumulator(str(trained / "tensorboard")).Reload().Tags()
+    assert {"train/loss", "train/rpn_loss_cls", "meta_data/learning_rate", "meta_data/grad_norm"} <= set(
+        curves["scalars"]
+    )
+    assert any(tag.startswith("combination/C") for tag in curves["scalars"])
+    assert curves["images"] == ["detections"]
+    result = json.loads((trained / "eval" / "checkpoint_epoch_2" / "test" / "result.json").read_text())
+    assert len(result["rows"]) == 12
+    assert "| paper |" in (trained / "eval" / "checkpoint_epoch_2" / "test" / "table.md").read_text()
+
+
+def test_the_last_checkpoint_holds_the_scores_to_drive_with_and_where_it_comes_from(trained):
+    content = read_checkpoint(trained / "ckpt" / LAST)
+    assert set(content["score_thresholds"]) == {"Car", "Pedestrian"}
+    assert (content["config_name"], content["it"], content["epoch"]) == ("cp_tiny", 4, 2)
+    assert content["config"]["MODEL"]["NAME"] == "AvpCp"
+
+
+def test_a_finished_run_is_not_trained_again(workplace, call):
+    folder, run = workplace
+    before = (run / "ckpt" / LAST).read_bytes()
+    call(folder, "train", "--epochs", 2, "--no_eval")
+    assert "training is complete at iteration 4" in _log(run)
+    assert (run / "ckpt" / LAST).read_bytes() == before
+
+
+def test_more_epochs_go_on_from_where_it_ended(workplace, call):
+    folder, run = workplace
+    call(folder, "train", "--epochs", 3, "--no_eval")
+    assert "going on from" in _log(run)
+    assert read_checkpoint(run / "ckpt" / "checkpoint_epoch_3.pth")["it"] == 6
+
+
+def test_a_truncated_checkpoint_is_named_and_kept_and_the_one_before_used(workplace, call, trained):
+    folder, run = workplace
+    newest = run / "ckpt" / LAST
+    newest.write_bytes(newest.read_bytes()[:-5000])
+    call(folder, "train", "--epochs", 2, "--no_eval")
+    assert f"{LAST}: truncated" in _log(run)
+    assert (run / "ckpt" / f"{LAST}.damaged").exists()
+    again, first = (read_checkpoint(place / "ckpt" / LAST)["model_state"] for place in (run, trained))
+    assert all(torch.equal(again[key], first[key]) for key in first)
+
+
+def test_another_configuration_does_not_go_on_with_this_run(workplace, call):
+    folder, _ = workplace
+    with pytest.raises(CheckpointError, match=r"made with OPTIMIZATION\.LR 0\.003, this run has 0\.002"):
+        call(folder, "train", "--epochs", 3, overrides=["OPTIMIZATION.LR", "0.002"])
+    with pytest.raises(CheckpointError, match="seed is 0, this one's is 1"):
+        call(folder, "train", "--epochs", 3, "--seed", 1)
+
+
+def test_pretrained_weights_start_a_run_of_their_own(call, trained, tmp_path):
+    call(tmp_path, "train", "--epochs", 1, "--no_eval", "--pretrained_model", trained / "ckpt" / LAST)
+    run = tmp_path / "output" / "avp" / "cp_tiny" / "default"
+    assert "loaded" in _log(run)
+    content = read_checkpoint(run / "ckpt" / "checkpoint_epoch_1.pth")
+    assert content["it"] == 2
+
+
+def test_missing_data_are_made_first(load_tool, tiny_data, tmp_path, monkeypatch):
+    tool, root, said = load_tool("train"), tmp_path / "data", []
+    monkeypatch.setattr(tool, "generate", lambda cfg, root, workers: shutil.copytree(tiny_data, root))
+    monkeypatch.setattr(tool, "run_training", lambda cfg, *_: said.append(Path(cfg.DATA_CONFIG.DATA_PATH).exists()))
+    monkeypatch.setattr(tool, "open_log", lambda *_: _Listener(said))
+    monkeypatch.chdir(tmp_path)
+    words = ["train", "--cfg", str(REPOSITORY / "cfgs" / "avp" / "cp_tiny.yaml"), "--no_eval"]
+    monkeypatch.setattr(sys, "argv", [*words, "--set", "DATA_CONFIG.DATA_PATH", str(root)])
+    tool.main()
+    assert said == [f"there is no complete data set in {root}: making it first", True]
+
+
+class _Listener:
+    def __init__(self, said):
+        self.info = self.warning = said.append
+
+
+def test_the_papers_size_on_a_cpu_names_the_small_one(load_tool):
+    from pcdet_avp.config import load_config
+    from pcdet_avp.engine.distributed import Ranks
+
+    tool, cpu = load_tool("train"), Ranks(torch.device("cpu"))
+    for name, warns in (("cp_full", True), ("cp_small", False)):
+        said = []
+        tool._warn_if_slow(load_config(REPOSITORY / "cfgs" / "avp" / f"{name}.yaml"), name, cpu, _Listener(said))
+        assert ["cp_small" in text for text in said] == [True] * warns
+
+
+def test_mixed_precision_on_a_cpu_and_an_odd_batch_are_refused(call, tmp_path):
+    with pytest.raises(ConfigError, match="--use_amp: mixed precision is for GPUs"):
+        call(tmp_path, "train", "--use_amp", "--device", "cpu")
+
+
+def test_a_wrong_input_is_one_line_and_exit_status_2(tmp_path):
+    command = [sys.executable, REPOSITORY / "tools" / "train.py", "--cfg", tmp_path / "none.yaml"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path, env=os.environ)
+    assert done.returncode == 2
+    assert done.stderr.splitlines() == [
+        f"error: {tmp_path / 'none.yaml'}: cannot read this configuration file (No such file or directory)"
+    ]
