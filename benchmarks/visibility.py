@@ -1,6 +1,6 @@
 """What the two LiDARs can see of the labelled objects, over every scene of a data set that need not exist.
 
-    python benchmarks/visibility.py [--cfg cfgs/dataset_configs/avp_full.yaml] [--every 5] [--workers 2]
+    python benchmarks/visibility.py [--cfg cfgs/dataset_configs/avp_full.yaml] [--every 5] [--scenes N]
 
 Captures the LiDARs (no cameras) of every ``--every``-th frame of each scene, from the configuration's seed: the points
 are those that ``tools/create_data.py`` would write, and so are the shares. Camera columns are not measured here.
@@ -43,13 +43,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cfg", default="cfgs/dataset_configs/avp_full.yaml")
     parser.add_argument("--every", type=int, default=5, help="of a scene's frames, take every so many")
+    parser.add_argument("--scenes", type=int, help="only the first so many scenes (default: all)")
     parser.add_argument("--workers", type=int, default=2)
     args = parser.parse_args()
     cfg = load_config(args.cfg)
     generator = plan(cfg).generator
     statistics = Statistics(BevGrid.from_range(cfg.POINT_CLOUD_RANGE, cfg.VOXEL_SIZE))
     task = partial(lidar_frames, cfg=generator, every=args.every)
-    scenes = range(cfg.GENERATE.SCENES)
+    scenes = range(args.scenes or cfg.GENERATE.SCENES)
     for frames in tqdm(run_tasks(task, scenes, args.workers), total=len(scenes), unit="scene"):
         for frame in frames:
             statistics.add(frame)

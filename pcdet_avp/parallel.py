@@ -50,7 +50,7 @@ def _client(workers: int, scheduler: str | None) -> Iterator[Client]:
         if scheduler is None:
             with (
                 LocalCluster(
-                    n_workers=workers, threads_per_worker=1, dashboard_address=None, memory_limit=0
+                    n_workers=workers, threads_per_worker=1, dashboard_address="127.0.0.1:0", memory_limit=0
                 ) as cluster,
                 Client(cluster) as client,
             ):
