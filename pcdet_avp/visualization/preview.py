@@ -11,6 +11,7 @@ from pcdet_avp.structures.frame import DIFFICULTIES, AgentView, Frame, Labels
 from pcdet_avp.visualization.draw import BevCanvas, draw_boxes, put_text
 
 WIDTH_PX = 1600
+BRIGHT_POINTS = 40_000  # a cloud of so many points is drawn at full strength, a denser one fainter
 # By difficulty: easy, hard, invisible to the vehicle's camera.
 DIFFICULTY_COLORS = np.array([[90, 220, 110], [250, 190, 60], [240, 80, 80]], np.uint8)
 EGO_COLOR, INFRA_COLOR = (90, 170, 255), (255, 150, 60)
@@ -58,7 +59,8 @@ def bev_panel(frame: Frame, labels: Labels, grid: BevGrid) -> np.ndarray:
             corners = to_ego.apply(corners)
         if points is not None:
             below_ceiling = points[points[:, 2] < grid.z_max_m, :3]
-            canvas.points(below_ceiling if to_ego is None else to_ego.apply(below_ceiling), color)
+            strength = min(0.9, BRIGHT_POINTS / max(len(points), 1))
+            canvas.points(below_ceiling if to_ego is None else to_ego.apply(below_ceiling), color, strength)
         canvas.polygon(corners[:, :2], color)
     canvas.boxes(labels.boxes, DIFFICULTY_COLORS[labels.difficulty])
     ego_box = np.array([[0.0, 0.0, EGO_SIZE_M[2] / 2, *EGO_SIZE_M, 0.0]])
