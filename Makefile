@@ -4,9 +4,9 @@
 PYTHON ?= python3
 VENV ?= .venv
 CFG ?= cfgs/avp/cp_small.yaml
-# The short run of `make run`: a third of the small data set, a few minutes of training.
-SHORT := DATA_CONFIG.DATA_PATH data/avp_short DATA_CONFIG.GENERATE.SCENES 80
-MINUTES ?= 7
+# The short run of `make run`: a quarter of the small data set, a few minutes of training.
+SHORT := DATA_CONFIG.DATA_PATH data/avp_short DATA_CONFIG.GENERATE.SCENES 60
+MINUTES ?= 5
 BIN := $(VENV)/bin
 export OMP_NUM_THREADS ?= 2
 
