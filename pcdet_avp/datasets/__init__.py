@@ -16,3 +16,10 @@ def build_dataset(
 
     cls = DATASETS[require(dataset_cfg, "DATASET", str)]
     return cls(dataset_cfg=dataset_cfg, class_names=class_names, training=training, logger=logger, split=split)
+
+
+def has_split(dataset_cfg, split: str) -> bool:
+    """Whether a split of the data set has any frame."""
+    from pcdet_avp.datasets.avp.manifest import read_manifest
+
+    return read_manifest(require(dataset_cfg, "DATA_PATH", str)).frame_counts[split] > 0

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import signal
 import threading
+import time
 from types import FrameType
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
+PATIENCE_S = 1.0  # a launcher repeats the terminal's signal at once; only a later one is impatience
 
 
 class Interrupt:
-    """While active, the first Ctrl-C (or SIGTERM) only sets ``requested``; a second one interrupts at once."""
+    """While active, the first Ctrl-C (or SIGTERM) only sets ``requested``; a second Ctrl-C interrupts at once."""
 
     def __init__(self) -> None:
         self.requested = False
+        self._since = 0.0
         self._before: dict[int, object] = {}
 
     def __enter__(self) -> Interrupt:
@@ -26,6 +29,8 @@ class Interrupt:
             signal.signal(number, handler)
 
     def _note(self, number: int, frame: FrameType | None) -> None:
-        if self.requested:
+        now = time.monotonic()
+        if not self.requested:
+            self.requested, self._since = True, now
+        elif number == signal.SIGINT and now - self._since > PATIENCE_S:
             raise KeyboardInterrupt
-        self.requested = True

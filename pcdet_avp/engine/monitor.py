@@ -21,7 +21,7 @@ class Monitor:
 
     def __init__(self, folder: Path, logger: logging.Logger, start: int, total: int, interval: int) -> None:
         self.logger, self.interval = logger, interval
-        self.writer = SummaryWriter(str(folder), purge_step=start)
+        self.writer = SummaryWriter(str(folder.absolute()), purge_step=start)
         slow = 0.1 if sys.stderr.isatty() else 10.0
         self.bar = tqdm(
             total=total, initial=start, unit="it", desc="training", smoothing=BAR_SMOOTHING, mininterval=slow

@@ -10,7 +10,7 @@ from typing import Any
 
 from torch import nn
 
-from pcdet_avp.datasets import build_dataset
+from pcdet_avp.datasets import build_dataset, has_split
 from pcdet_avp.engine import checkpoint
 from pcdet_avp.engine.distributed import Ranks
 from pcdet_avp.engine.evaluate import benchmark, detect, driving_thresholds
@@ -104,6 +104,9 @@ def store_driving_thresholds(
     content = read_checkpoint(path)
     if THRESHOLDS_KEY in content:
         return content[THRESHOLDS_KEY]
+    if not has_split(cfg.DATA_CONFIG, "val"):
+        logger.warning("the data set has no validation split: no score thresholds for driving were chosen")
+        return {}
     dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split="val", logger=logger)
     model, _ = load_network(cfg, path, dataset, ranks, logger)
     chosen = driving_thresholds(dataset, detect(model, dataset, list(SENSOR_SETS), ranks, batch_size, workers))

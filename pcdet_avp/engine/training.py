@@ -12,7 +12,7 @@ from torch import nn
 
 import pcdet_avp
 from pcdet_avp.config import config_hash, plain, require
-from pcdet_avp.datasets import build_dataset
+from pcdet_avp.datasets import build_dataset, has_split
 from pcdet_avp.engine import checkpoint
 from pcdet_avp.engine.distributed import Ranks
 from pcdet_avp.engine.loader import batches
@@ -73,8 +73,8 @@ def run_training(
     monitor = _monitor(folder, trainer, options, logger)
     sampler = CombinationBatchSampler(trainer.plan, trainer.iteration, ranks.rank, ranks.world)
     budget = TimeBudget(options.max_minutes) if options.max_minutes else None
-    look = _picture_taker(cfg, trainer, monitor, options) if monitor else None
     try:
+        look = _picture_taker(cfg, trainer, monitor, options) if monitor else None
         train(trainer, batches(dataset, sampler, ranks, options.workers), keeper, logger, monitor, budget, look)
     finally:
         if monitor:
@@ -149,7 +149,8 @@ def _monitor(folder: RunFolder, trainer: Trainer, options: TrainOptions, logger:
 
 def _picture_taker(cfg: Mapping, trainer: Trainer, monitor: Monitor, options: TrainOptions) -> Callable[[int], None]:
     """Every so often: what the network finds in a frame, without and with the roadside."""
-    dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split="val")
+    split = "val" if has_split(cfg.DATA_CONFIG, "val") else "train"
+    dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split=split)
 
     def look(iteration: int) -> None:
         if iteration % options.picture_interval == 0:

@@ -134,3 +134,16 @@ def test_a_wrong_input_is_one_line_and_exit_status_2(tmp_path):
     assert done.stderr.splitlines() == [
         f"error: {tmp_path / 'none.yaml'}: cannot read this configuration file (No such file or directory)"
     ]
+
+
+def test_without_a_validation_split_no_scores_are_chosen_and_it_says_so(call, tiny_data, tmp_path):
+    data = tmp_path / "data"
+    shutil.copytree(tiny_data, data)
+    manifest = json.loads((data / "dataset.json").read_text())
+    for scene in manifest["scenes"]:
+        scene["split"] = "train" if scene["split"] == "val" else scene["split"]
+    (data / "dataset.json").write_text(json.dumps(manifest))
+    call(tmp_path, "train", "--epochs", 1, "--picture_interval", 1, data=data)
+    run = tmp_path / "output" / "avp" / "cp_tiny" / "default"
+    assert "no validation split: no score thresholds" in _log(run)
+    assert "score_thresholds" not in read_checkpoint(run / "ckpt" / "checkpoint_epoch_1.pth")
