@@ -1,4 +1,4 @@
-"""Detections as pictures: bird's-eye views of one sample, without and with the roadside."""
+"""Detections as pictures: one frame, seen with several sensor combinations."""
 
 from __future__ import annotations
 
@@ -9,49 +9,47 @@ import torch
 from torch import nn
 
 from pcdet_avp.datasets.avp.collate import load_batch
-from pcdet_avp.structures.bev_grid import BevGrid
-from pcdet_avp.structures.pose import Pose
-from pcdet_avp.visualization.draw import BevCanvas, put_text
+from pcdet_avp.evaluation.inputs import Detections
+from pcdet_avp.structures.sensor_set import SensorSet
+from pcdet_avp.visualization.detections import comparison
 
-PX_PER_M = 8.0
-POINT_STRENGTH = 0.4  # light that one point adds
-EGO_LIGHT, INFRA_LIGHT = (235, 235, 235), (90, 150, 255)
-TRUE_COLOR, FOUND_COLORS = (60, 200, 60), ((255, 160, 40), (255, 70, 160))  # of a car, of a pedestrian
-MIN_SCORE = 0.3
+ALL_SENSORS = SensorSet.parse("CL+CL")
+MIN_SCORE = 0.3  # where no score was chosen on the validation split
 
 
-def bev_picture(sample: Mapping, prediction: Mapping[str, np.ndarray], grid: BevGrid, title: str) -> np.ndarray:
-    """(H, W, 3) uint8: points of both agents, true boxes (green) and detections above ``MIN_SCORE``.
+def detection_picture(
+    model: nn.Module,
+    dataset,
+    index: int,
+    combos: Sequence[str],
+    device: torch.device,
+    min_scores: Mapping[str, float] | None = None,
+) -> np.ndarray:
+    """(H, W, 3) uint8: what the network finds in a frame with each of the combinations. Leaves no trace in a run.
 
-    ``sample`` as from ``AvpDataset.__getitem__``; ``prediction`` holds pred_boxes (n, 7), pred_scores (n,) and
-    pred_labels (n,) from 1.
+    ``min_scores``: class -> lowest score that is shown, ``MIN_SCORE`` by default.
     """
-    canvas = BevCanvas(grid.x_min_m, grid.y_min_m, grid.x_max_m, grid.y_max_m, PX_PER_M)
-    ego_from_infra = Pose(np.asarray(sample["ego_from_infra"], np.float64))
-    canvas.points(ego_from_infra.apply(sample["points_infra"][:, :3]), INFRA_LIGHT, POINT_STRENGTH)
-    canvas.points(sample["points"], EGO_LIGHT, POINT_STRENGTH)
-    true = sample["gt_boxes"]
-    canvas.boxes(true, np.tile(TRUE_COLOR, (len(true), 1)), thickness=1)
-    shown = prediction["pred_scores"] >= MIN_SCORE
-    colors = np.array(FOUND_COLORS)[(prediction["pred_labels"][shown].astype(int) - 1) % len(FOUND_COLORS)]
-    canvas.boxes(prediction["pred_boxes"][shown], colors, thickness=2)
-    put_text(canvas.image, title, (8, 22))
-    return canvas.image
-
-
-def detection_picture(model: nn.Module, dataset, index: int, combos: Sequence[str], device: torch.device) -> np.ndarray:
-    """What the network finds in one sample with each of the combinations, side by side. Leaves no trace in the run."""
     was_training = model.training
     devices = [device] if device.type == "cuda" else []
     with torch.random.fork_rng(devices), torch.no_grad():
         model.eval()
-        pictures = [_one(model, dataset, index, combo, device) for combo in combos]
+        found = {combo: _find(model, dataset, index, combo, device) for combo in combos}
         model.train(was_training)
-    return np.concatenate(pictures, axis=1)
+    results = {
+        combo: (dataset.read(index, SensorSet.parse(combo)), _above(detections, min_scores or {}))
+        for combo, detections in found.items()
+    }
+    return comparison(dataset.read(index, ALL_SENSORS), dataset.prepare_config.grid, results)
 
 
-def _one(model: nn.Module, dataset, index: int, combo: str, device: torch.device) -> np.ndarray:
-    sample = dataset[(index, combo)]
-    predictions, _ = model(load_batch(dataset.collate_batch([sample]), device))
-    arrays = {key: value.detach().cpu().numpy() for key, value in predictions[0].items()}
-    return bev_picture(sample, arrays, dataset.prepare_config.grid, f"{sample['frame_id']} {combo}")
+def _find(model: nn.Module, dataset, index: int, combo: str, device: torch.device) -> Detections:
+    batch_dict = load_batch(dataset.collate_batch([dataset[(index, combo)]]), device)
+    predictions, _ = model(batch_dict)
+    return Detections.from_annotation(
+        dataset.generate_prediction_dicts(batch_dict, predictions, dataset.class_names)[0]
+    )
+
+
+def _above(detections: Detections, min_scores: Mapping[str, float]) -> Detections:
+    least = np.array([min_scores.get(str(name), MIN_SCORE) for name in detections.names])
+    return detections.select(detections.scores >= least)

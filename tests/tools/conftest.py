@@ -30,7 +30,8 @@ def call(load_tool, tiny_data):
     def run(folder, name, *arguments, data=tiny_data, overrides=()):
         with pytest.MonkeyPatch.context() as patch:
             patch.chdir(folder)
-            words = [name, "--cfg", CFG, "--workers", 0, *arguments, "--set", "DATA_CONFIG.DATA_PATH", data, *overrides]
+            workers = () if name == "demo" else ("--workers", 0)
+            words = [name, "--cfg", CFG, *workers, *arguments, "--set", "DATA_CONFIG.DATA_PATH", data, *overrides]
             patch.setattr(sys, "argv", [str(word) for word in words])
             load_tool(name).main()
 

@@ -1,0 +1,76 @@
+"""One picture of what a network found: on both camera images, and from above without and with the roadside."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import cv2
+import numpy as np
+
+from pcdet_avp.evaluation.inputs import Detections
+from pcdet_avp.structures.bev_grid import BevGrid
+from pcdet_avp.structures.boxes import transform_boxes
+from pcdet_avp.structures.ego import EGO_FOOTPRINT
+from pcdet_avp.structures.frame import AgentView, Frame
+from pcdet_avp.visualization.draw import BevCanvas, draw_boxes, put_text
+
+WIDTH_PX = 1600
+BRIGHT_POINTS = 40_000  # a cloud of so many points is drawn at full strength, a denser one fainter
+TRUE_COLOR = (70, 190, 90)
+CLASS_COLORS: Mapping[str, tuple[int, int, int]] = {"Car": (255, 175, 50), "Pedestrian": (255, 90, 170)}
+OTHER_COLOR, EGO_COLOR = (120, 200, 255), (255, 255, 255)
+EGO_LIGHT, INFRA_LIGHT = (90, 170, 255), (255, 150, 60)
+
+
+def comparison(frame: Frame, grid: BevGrid, results: Mapping[str, tuple[Frame, Detections]]) -> np.ndarray:
+    """(H, 1600, 3) uint8 RGB. ``results``: title -> the frame as the network saw it, and what it found.
+
+    Above, the cameras of ``frame`` with the last detections; below, a view from above for each of the results.
+    Truth is thin and green.
+    """
+    *_, (title, (_, last)) = results.items()
+    on_mast = transform_boxes(frame.ego_from_infra.inverse(), last.boxes)
+    colors = class_colors(last.names)
+    half = WIDTH_PX // 2
+    cameras = [
+        camera_panel(frame.ego, last.boxes, colors, f"vehicle camera, {title}", half),
+        camera_panel(frame.infra, on_mast, colors, f"roadside camera, {title}", half),
+    ]
+    below = [bev_panel(*result, grid, name, WIDTH_PX // len(results)) for name, result in results.items()]
+    above, below = np.hstack(cameras), np.hstack(below)
+    return np.vstack([above, cv2.resize(below, (WIDTH_PX, below.shape[0] * WIDTH_PX // below.shape[1]))])
+
+
+def class_colors(names: np.ndarray) -> np.ndarray:
+    """(N, 3) uint8."""
+    return np.array([CLASS_COLORS.get(str(name), OTHER_COLOR) for name in names], np.uint8).reshape(-1, 3)
+
+
+def camera_panel(view: AgentView, boxes: np.ndarray, colors: np.ndarray, title: str, width: int) -> np.ndarray:
+    """(H, width, 3): an agent's image with wire frames of boxes in the agent's frame."""
+    height = round(width * view.camera.height / view.camera.width) if view.camera else width * 9 // 16
+    if view.image is None:
+        panel = np.full((height, width, 3), 40, np.uint8)
+    else:
+        image = cv2.resize(view.image, (width, height), interpolation=cv2.INTER_AREA)
+        panel = draw_boxes(image, view.camera.scaled(width, height), boxes, colors)
+    put_text(panel, title, (12, 26))
+    return panel
+
+
+def bev_panel(frame: Frame, found: Detections, grid: BevGrid, title: str, width: int) -> np.ndarray:
+    """(H, width, 3): the clouds that the frame has, in the ego's BEV range; true boxes, detections, the ego."""
+    canvas = BevCanvas(
+        grid.x_min_m - 3, grid.y_min_m, grid.x_max_m, grid.y_max_m, width / (grid.x_max_m - grid.x_min_m + 3)
+    )
+    for view, color, to_ego in ((frame.infra, INFRA_LIGHT, frame.ego_from_infra), (frame.ego, EGO_LIGHT, None)):
+        if view.points is not None:
+            points = view.points[view.points[:, 2] < grid.z_max_m, :3]
+            strength = min(0.9, BRIGHT_POINTS / max(len(points), 1))
+            canvas.points(points if to_ego is None else to_ego.apply(points), color, strength)
+    true = frame.labels.boxes[grid.contains_bev(frame.labels.boxes)]
+    canvas.boxes(true, np.tile(TRUE_COLOR, (len(true), 1)), thickness=1)
+    canvas.boxes(found.boxes, class_colors(found.names), thickness=2)
+    canvas.boxes(EGO_FOOTPRINT, np.array([EGO_COLOR], np.uint8), thickness=1)
+    put_text(canvas.image, f"{frame.frame_id}: {title}", (12, 26))
+    return canvas.image

@@ -1,0 +1,39 @@
+"""tools/demo.py as a user meets it."""
+
+import cv2
+import pytest
+
+from pcdet_avp.datasets.avp.manifest import read_manifest
+from pcdet_avp.errors import ConfigError
+
+
+@pytest.fixture
+def demo(call, trained, tmp_path):
+    def run(*arguments):
+        call(tmp_path, "demo", "--ckpt", trained / "ckpt" / "checkpoint_epoch_2.pth", "--out", tmp_path, *arguments)
+
+    return run
+
+
+def test_a_frame_as_a_picture(demo, tiny_data, tmp_path):
+    frame_id = read_manifest(tiny_data).frame_ids("test")[0]
+    demo("--frame", frame_id)
+    picture = cv2.imread(str(tmp_path / f"{frame_id.replace('/', '_')}.png"))
+    assert picture.shape[1] == 1600
+    assert picture.std() > 10
+
+
+def test_a_split_as_a_video(demo, tmp_path):
+    demo("--split", "train", "--frames", 2)
+    video = cv2.VideoCapture(str(tmp_path / "train.mp4"))
+    frames = []
+    while (read := video.read())[0]:
+        frames.append(read[1])
+    assert len(frames) == 2
+    assert frames[0].std() > 10
+    assert abs(frames[0].astype(int) - frames[1]).mean() > 1
+
+
+def test_an_unknown_frame_is_named(demo):
+    with pytest.raises(ConfigError, match="--frame 9/9: not in split 'test', which holds"):
+        demo("--frame", "9/9")
