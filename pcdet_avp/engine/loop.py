@@ -71,7 +71,7 @@ def train(
                 monitor.add(report)
             if look and trainer.ranks.is_first:
                 look(trainer.iteration)
-            if budget and not trainer.length_is_final:
+            if budget:
                 budget.add(report.combo, seconds)
             _between_steps(trainer, keeper, logger, monitor, budget, interrupt)
 
@@ -96,10 +96,10 @@ def _steps(trainer: Trainer, batches: Iterable[dict], interrupt: Interrupt) -> I
 def _between_steps(trainer, keeper, logger, monitor, budget, interrupt) -> None:
     """Whatever one rank wants, all do in the same iteration."""
     first = trainer.ranks.is_first
-    wants_length = bool(budget) and not trainer.length_is_final and budget.is_measured(trainer.elapsed_s)
-    stop, due, fix = trainer.ranks.any([interrupt.requested, first and keeper.is_due(), first and wants_length])
-    if fix:
-        _fix_length(trainer, logger, monitor, budget)
+    wants_plan = bool(budget) and first and not trainer.finished and budget.wants_plan(trainer.elapsed_s)
+    stop, due, replan = trainer.ranks.any([interrupt.requested, first and keeper.is_due(), wants_plan])
+    if replan:
+        _plan(trainer, logger, monitor, budget)
     if keeper.closes_epoch(trainer):
         keeper.save(trainer, epoch_file(trainer))
     elif due or stop:
@@ -109,14 +109,18 @@ def _between_steps(trainer, keeper, logger, monitor, budget, interrupt) -> None:
         raise KeyboardInterrupt
 
 
-def _fix_length(trainer: Trainer, logger: logging.Logger, monitor: Monitor | None, budget: TimeBudget) -> None:
-    """From here on the schedule has the length that fits the budget, also after a resume."""
-    total = trainer.ranks.from_first(budget.total(trainer.iteration, trainer.elapsed_s, trainer.planned))
-    trainer.schedule, trainer.length_is_final = trainer.schedule.with_total(total), True
-    logger.info(
-        f"{budget.seconds_per_iteration:.3f} s per iteration: {total} iterations "
-        f"({total / trainer.plan.per_epoch:.1f} epochs) fit into {budget.budget_s / 60:.1f} minutes; "
-        f"the configuration asks for {trainer.planned}"
-    )
+def _plan(trainer: Trainer, logger: logging.Logger, monitor: Monitor | None, budget: TimeBudget) -> None:
+    """From here on the schedule ends when the budget does. Rank 0 decides; it is the schedule of a resumed run, too."""
+    again = budget.has_plan
+    total = budget.plan(trainer.iteration, trainer.elapsed_s, trainer.planned) if trainer.ranks.is_first else None
+    total = trainer.ranks.from_first(total)
+    trainer.schedule = trainer.schedule.ending_at(total, trainer.iteration)
+    if trainer.ranks.is_first:
+        logger.info(
+            f"{budget.seconds_per_iteration:.3f} s per iteration: {total} iterations "
+            f"({total / trainer.plan.per_epoch:.1f} epochs) fit into {budget.budget_s / 60:.1f} minutes; "
+            f"the configuration asks for {trainer.planned}",
+            extra={"quiet": again},
+        )
     if monitor:
         monitor.set_total(total)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import torch
@@ -31,7 +31,7 @@ def run_state(trainer: Trainer) -> dict[str, Any]:
         "schedule": {
             "total": trainer.schedule.total,
             "planned": trainer.planned,
-            "final": trainer.length_is_final,
+            "since": list(trainer.schedule.since),
         },
         "sampler": _plain(trainer.plan),
         "random_states": trainer.ranks.gather(random_state(trainer.ranks.device)),
@@ -92,8 +92,8 @@ def _check_sampler(plan: BatchPlan, theirs: Mapping[str, Any], path: str) -> Non
 def _restore_schedule(trainer: Trainer, schedule: Mapping[str, Any]) -> None:
     """A changed number of epochs is a wish for another length; otherwise the run keeps the one that it had."""
     if schedule["planned"] == trainer.planned:
-        trainer.schedule = trainer.schedule.with_total(schedule["total"])
-        trainer.length_is_final = schedule["final"]
+        since = (int(schedule["since"][0]), float(schedule["since"][1]))
+        trainer.schedule = replace(trainer.schedule, total=schedule["total"], since=since)
 
 
 def _restore_random_state(trainer: Trainer, states: list[Mapping[str, torch.Tensor]]) -> None:

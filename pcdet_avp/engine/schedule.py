@@ -1,10 +1,11 @@
-"""The one-cycle schedule (OpenPCDet's ``adam_onecycle``): a pure function of the iteration, so nothing to resume.
+"""The one-cycle schedule (OpenPCDet's ``adam_onecycle``): a pure function of the iteration.
 
-    iteration   0 ............ PCT_START * total ............ total
-    rate        LR / DIV       LR                             LR / DIV / 10,000
-    beta 1      MOMS[0]        MOMS[1]                        MOMS[0]
+    share of the training   0 ............ PCT_START ............ 1
+    rate                    LR / DIV       LR                     LR / DIV / 10,000
+    beta 1                  MOMS[0]        MOMS[1]                MOMS[0]
 
-Both ways are half a cosine.
+Both ways are half a cosine. A time budget may change the number of iterations on the way: what is left of the cycle
+is then spread over what is left of the iterations, so that the rate does not jump.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ class OneCycle:
     div_factor: float = 10.0
     pct_start: float = 0.4
     betas: tuple[float, float] = (0.95, 0.85)  # first beta at the ends, and at the peak
+    since: tuple[int, float] = (0, 0.0)  # iteration and share of the last change of ``total``
 
     def __post_init__(self) -> None:
         if self.total < 1:
@@ -46,18 +48,23 @@ class OneCycle:
         lr, div, pct = (float(require(optim_cfg, key, (int, float))) for key in ("LR", "DIV_FACTOR", "PCT_START"))
         return cls(total, lr, div, pct, (float(moms[0]), float(moms[1])))
 
-    def at(self, iteration: int) -> tuple[float, float]:
-        """(learning rate, first beta) of the step that iteration ``iteration`` (from 0) takes."""
-        start_lr, peak = self.peak_lr / self.div_factor, self.pct_start * self.total
-        if iteration < peak:
-            share = iteration / peak
-            return _cosine(start_lr, self.peak_lr, share), _cosine(*self.betas, share)
-        share = min((iteration - peak) / (self.total - peak), 1.0)
-        return _cosine(self.peak_lr, start_lr / FINAL_DIV, share), _cosine(*self.betas[::-1], share)
+    def share(self, iteration: int) -> float:
+        """How much of the cycle lies behind, from 0 to 1, when iteration ``iteration`` (from 0) begins."""
+        start, share = self.since
+        return min(share + (1 - share) * (iteration - start) / max(self.total - start, 1), 1.0)
 
-    def with_total(self, total: int) -> OneCycle:
-        """The same cycle stretched or squeezed to ``total`` iterations."""
-        return replace(self, total=total)
+    def at(self, iteration: int) -> tuple[float, float]:
+        """(learning rate, first beta) of the step that iteration ``iteration`` takes."""
+        start_lr, share = self.peak_lr / self.div_factor, self.share(iteration)
+        if share < self.pct_start:
+            up = share / self.pct_start
+            return _cosine(start_lr, self.peak_lr, up), _cosine(*self.betas, up)
+        down = (share - self.pct_start) / (1 - self.pct_start)
+        return _cosine(self.peak_lr, start_lr / FINAL_DIV, down), _cosine(*self.betas[::-1], down)
+
+    def ending_at(self, total: int, iteration: int) -> OneCycle:
+        """The same cycle up to ``iteration``; from there it hurries or dawdles to end after ``total`` iterations."""
+        return replace(self, total=total, since=(iteration, self.share(iteration)))
 
 
 def _cosine(start: float, end: float, share: float) -> float:

@@ -53,7 +53,6 @@ class Trainer:
         self.scaler = torch.amp.GradScaler(ranks.device.type, enabled=self.amp_dtype is torch.float16)
         self.iteration = 0
         self.elapsed_s = 0.0  # spent on training, earlier runs included
-        self.length_is_final = False  # whether a time budget has been turned into a number of iterations
         self.parallel.train()
         seed_torch(plan.seed, TRAINING_STREAM, ranks.rank)
 

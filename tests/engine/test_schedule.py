@@ -42,9 +42,19 @@ def test_is_torchs_one_cycle_where_the_peak_falls_on_an_iteration():
             theirs.step()
 
 
-def test_a_shortened_cycle_has_the_same_shape():
-    short = CYCLE.with_total(10)
+def test_a_cycle_shortened_at_the_start_has_the_same_shape():
+    short = CYCLE.ending_at(10, iteration=0)
     assert [short.at(k) for k in range(11)] == [pytest.approx(CYCLE.at(100 * k)) for k in range(11)]
+
+
+@pytest.mark.parametrize("total", [300, 1000, 5000])
+@pytest.mark.parametrize("iteration", [200, 280])
+def test_a_change_of_length_on_the_way_makes_no_jump_and_ends_at_the_end(total, iteration):
+    changed = CYCLE.ending_at(total, iteration)
+    assert changed.at(iteration) == pytest.approx(CYCLE.at(iteration))
+    assert changed.at(total) == pytest.approx(CYCLE.at(1000))
+    half = iteration + (total - iteration) / 2
+    assert changed.share(half) == pytest.approx((iteration / 1000 + 1) / 2)
 
 
 def test_values_are_plain_floats_that_a_safe_loader_accepts(tmp_path, toy):
