@@ -47,7 +47,7 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--max_minutes", type=float, help="shorten the schedule so that training takes this long")
     parser.add_argument("--ckpt_save_interval", type=int, default=1, metavar="EPOCHS")
     parser.add_argument("--ckpt_save_time_interval", type=float, default=300, metavar="SECONDS")
-    parser.add_argument("--max_ckpt_save_num", type=int, default=30, help="epochs kept (default: 30)")
+    parser.add_argument("--max_ckpt_save_num", type=int, default=10, help="epochs kept (default: 10)")
     parser.add_argument("--logger_iter_interval", type=int, default=50, metavar="ITERATIONS")
     parser.add_argument("--picture_interval", type=int, default=500, metavar="ITERATIONS")
     parser.add_argument("--no_eval", action="store_true", help="do not test at the end")

@@ -47,7 +47,7 @@ class TrainOptions:
     ckpt: Path | None = None
     pretrained_model: Path | None = None
     ckpt_save_interval: int = 1
-    max_ckpt_save_num: int = 30
+    max_ckpt_save_num: int = 10
     ckpt_save_time_interval: float = 300.0
     logger_iter_interval: int = 50
     picture_interval: int = 500
