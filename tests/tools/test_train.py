@@ -122,9 +122,9 @@ def test_the_papers_size_on_a_cpu_names_the_small_one(load_tool):
         assert ["cp_small" in text for text in said] == [True] * warns
 
 
-def test_mixed_precision_on_a_cpu_and_an_odd_batch_are_refused(call, tmp_path):
-    with pytest.raises(ConfigError, match="--use_amp: mixed precision is for GPUs"):
-        call(tmp_path, "train", "--use_amp", "--device", "cpu")
+def test_half_precision_on_a_cpu_and_an_odd_batch_are_refused(call, tmp_path):
+    with pytest.raises(ConfigError, match="--use_amp: a CPU computes in bf16 or in full precision"):
+        call(tmp_path, "train", "--use_amp", "--device", "cpu", overrides=("OPTIMIZATION.AMP_DTYPE", "fp16"))
 
 
 def test_a_wrong_input_is_one_line_and_exit_status_2(tmp_path):

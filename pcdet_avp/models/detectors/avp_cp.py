@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from pcdet_avp.errors import SensorError
 from pcdet_avp.models.checkpoint_file import read_checkpoint
 from pcdet_avp.models.detectors.build import build_modules
-from pcdet_avp.models.detectors.map_dropout import drop_roadside_maps
+from pcdet_avp.models.detectors.map_dropout import drop_roadside_maps, drop_segments
 from pcdet_avp.models.detectors.post_processing import PostProcessing
 from pcdet_avp.models.detectors.weights import load_weights
 from pcdet_avp.registry import DETECTORS
@@ -41,6 +41,7 @@ class AvpCp(nn.Module):
     def __init__(self, model_cfg: Any, num_class: int, dataset: Any) -> None:
         super().__init__()
         self.map_dropout = float(model_cfg.get("ROADSIDE_MAP_DROPOUT", 0.0))
+        self.segment_dropout = float(model_cfg.get("ROADSIDE_SEGMENT_DROPOUT", 0.0))
         for name, module in build_modules(model_cfg, num_class, dataset).items():
             self.add_module(name, module)
         self.post_processing = PostProcessing(model_cfg["POST_PROCESSING"], dataset.class_names)
@@ -66,10 +67,17 @@ class AvpCp(nn.Module):
             batch_dict = drop_roadside_maps(batch_dict, self.map_dropout, int(self.global_step))
         batch_dict = self.encode(batch_dict)
         batch_dict = self.codec.compress(batch_dict)
-        batch_dict = {**batch_dict, "latents": link(batch_dict["latents"])}
+        batch_dict = {**batch_dict, "latents": link(self._on_the_air(batch_dict))}
         for stage in (self.codec.decompress, self.warp, self.fuser, self.backbone_2d, self.dense_head):
             batch_dict = stage(batch_dict)
         return batch_dict
+
+    def _on_the_air(self, batch_dict: dict) -> dict:
+        """The roadside's latents; in training, some of them without some of their segments."""
+        latents = batch_dict["latents"]
+        if self.training and self.segment_dropout:
+            return drop_segments(latents, batch_dict["frame_id"], self.segment_dropout, int(self.global_step))
+        return latents
 
     def encode(self, batch_dict: dict, sources: tuple[str, ...] = SOURCES) -> dict:
         """Maps of every source that any sample has; the encoders of the others do not run at all."""

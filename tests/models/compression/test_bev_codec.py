@@ -156,6 +156,17 @@ def test_rate_threshold_keeps_the_longest_cells_unchanged():
     assert torch.equal(CellThreshold(EasyDict(THRESHOLD="rate", TARGET_SHARE=1.0))(x)[0], x)
 
 
+def test_max_share_caps_what_a_learned_threshold_lets_through():
+    x = torch.randn(2, 4, 10, 10, generator=torch.Generator().manual_seed(3))
+    uncapped, _ = CellThreshold(EasyDict(INITIAL_LENGTH=0.1))(x)
+    capped, _ = CellThreshold(EasyDict(INITIAL_LENGTH=0.1, MAX_SHARE=0.13))(x)
+    sent = (capped != 0).any(1)
+    assert sent.flatten(1).sum(1).tolist() == [13, 13]
+    assert torch.equal(capped, torch.where(sent[:, None], uncapped, 0))
+    for length, kept in zip(uncapped.norm(dim=1), sent, strict=True):
+        assert length[kept].min() >= length[~kept].max()
+
+
 def test_codec_stage_replaces_the_roadside_maps():
     module, before = BevCodec(EasyDict(), 16), batch()
     after = module.decompress(module.compress(before))
