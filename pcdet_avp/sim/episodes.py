@@ -1,0 +1,52 @@
+"""Episodes of the closed loop: who does what in front of the ego, as pure geometry and timing.
+
+A ``Scenario`` is a blueprint: every episode takes a fresh ``World`` from it, so that all sensor combinations and
+perceptions meet the very same people. No mesh is built before somebody casts a ray.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pcdet_avp.sim.actors import Actor
+from pcdet_avp.sim.garage import GarageLayout
+from pcdet_avp.sim.junction_map import JunctionMap
+from pcdet_avp.sim.lights import Lighting
+from pcdet_avp.sim.world import World
+
+
+@dataclass(frozen=True)
+class Threat:
+    """A road user who comes into the ego's way.
+
+    It waits until the ego's front bumper comes to ``release_x`` (m, world; None: it moves by the clock). Once it has
+    covered ``clear_after_m`` of its path, it cannot meet the ego any more.
+    """
+
+    object_id: int
+    clear_after_m: float
+    release_x: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Scenario:
+    """One episode's blueprint, in the world frame; the ego drives along its lane towards +x."""
+
+    name: str
+    trial: int
+    cruising: float  # v_c, m/s
+    layout: GarageLayout
+    actors: tuple[Actor, ...]
+    lighting: Lighting
+    ego_start_x: float  # of its centre
+    threats: tuple[Threat, ...]
+    first_x: float  # where the first gap, or the conflict zone, begins
+    end_x: float  # where the ego's front is when it has passed everybody
+    junction: JunctionMap | None = None  # None: vehicles are ignored
+    max_lateral_acceleration: float = 0.0  # m/s2, of the vehicle on rails
+
+    def world(self) -> World:
+        """A garage at time 0 with everybody in place and the ego at its start."""
+        world = World(self.layout, self.actors, self.lighting)
+        world.set_ego(self.ego_start_x, self.layout.lane_y, 0.0)
+        return world
