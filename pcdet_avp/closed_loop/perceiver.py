@@ -64,8 +64,8 @@ class Perceiver(Protocol):
 class PerceiverSettings:
     """What a perceiver is built from: plain values only, so that they travel to a worker.
 
-    ``data_cfg`` is DATA_CONFIG as a plain dict (``SENSORS``, ``POINT_CLOUD_RANGE``). The rest is read by ``model`` alone:
-    the configuration file and its ``--set`` overrides, the checkpoint, the link, and any further options.
+    ``data_cfg`` is DATA_CONFIG as a plain dict (``SENSORS``, ``POINT_CLOUD_RANGE``, ``VOXEL_SIZE``). The rest is read
+    by ``model`` alone: the configuration file and its ``--set`` overrides, the checkpoint, the link, further options.
     """
 
     data_cfg: Mapping[str, Any]

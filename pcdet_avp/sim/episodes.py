@@ -8,11 +8,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from pcdet_avp.errors import ConfigError
 from pcdet_avp.sim.actors import Actor
 from pcdet_avp.sim.garage import GarageLayout
 from pcdet_avp.sim.junction_map import JunctionMap
 from pcdet_avp.sim.lights import Lighting
 from pcdet_avp.sim.world import World
+from pcdet_avp.structures.ego import EGO_LENGTH_M
+
+SETTLE_S = 6.0  # the ego cruises at least so long before the first gap or zone; walkers on a shorter one start late
 
 
 @dataclass(frozen=True)
@@ -34,6 +38,7 @@ class Scenario:
 
     name: str
     trial: int
+    seed_key: tuple[int, ...]  # of all further randomness: the same for every combination and perception
     cruising: float  # v_c, m/s
     layout: GarageLayout
     actors: tuple[Actor, ...]
@@ -50,3 +55,13 @@ class Scenario:
         world = World(self.layout, self.actors, self.lighting)
         world.set_ego(self.ego_start_x, self.layout.lane_y, 0.0)
         return world
+
+
+def start_before(layout: GarageLayout, front_x: float, name: str, cruising: float) -> float:
+    """Centre x of an ego whose front starts at ``front_x``; ConfigError if that is beyond the road's far end."""
+    centre = front_x - EGO_LENGTH_M / 2
+    if centre - EGO_LENGTH_M / 2 < layout.road_start_x:
+        raise ConfigError(
+            f"{name}: {SETTLE_S:g} s of approach at {cruising:g} m/s do not fit the road; choose a lower speed"
+        )
+    return centre
