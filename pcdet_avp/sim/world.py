@@ -91,6 +91,10 @@ class World:
         names = np.array([actor.name for actor in self.actors], dtype="<U10")
         return RoadUsers(np.array(list(self._actors), dtype=np.int64), names, boxes)
 
+    def mesh_of(self, object_id: int) -> Mesh:
+        """Of someone on a trajectory, where they are now; world frame."""
+        return next(mesh for mesh, number in self._movers() if number == object_id)
+
     @property
     def lighting(self) -> Lighting:
         """Ceiling lamps, exposure, and the head lamps of every car that drives, where they are now."""
