@@ -6,18 +6,20 @@ What is observed at a tick takes effect ``lag_ticks`` later (one, in every mode)
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 
-from pcdet_avp.closed_loop.contact import MAX_STEP_S, Contact, first_contact, separation
+from pcdet_avp.closed_loop.contact import MAX_STEP_S, Contact, first_contact
 from pcdet_avp.closed_loop.driver import Driver
 from pcdet_avp.closed_loop.episode_log import EpisodeLog
 from pcdet_avp.closed_loop.gauges import Gauges
 from pcdet_avp.closed_loop.perceiver import Message, Perceived, Perceiver
 from pcdet_avp.closed_loop.policy import BUMPER_X_M
 from pcdet_avp.errors import ConfigError
-from pcdet_avp.sim.actors import Actor, box_at
+from pcdet_avp.sim.actors import Actor, box_at, floor_box
 from pcdet_avp.sim.dynamics import Drive, LongitudinalModel, LongitudinalState, drive
 from pcdet_avp.sim.episodes import Scenario
 from pcdet_avp.sim.world import EGO_SPEC
@@ -42,8 +44,27 @@ class EpisodeSettings:
     dynamics: LongitudinalModel = field(default_factory=LongitudinalModel)
 
     def __post_init__(self) -> None:
-        if self.tick_s <= 0 or self.lag_ticks < 0 or self.hold_ticks < 0 or self.time_limit_s <= 0:
-            raise ConfigError(f"episode: ticks, lag, hold and time limit must not be negative, found {self}")
+        for name in ("tick_s", "time_limit_s"):
+            if not getattr(self, name) > 0:
+                raise ConfigError(f"CLOSED_LOOP.{name.upper()}: expected more than 0, found {getattr(self, name)}")
+        for name in ("lag_ticks", "hold_ticks"):
+            if not isinstance(getattr(self, name), int) or getattr(self, name) < 0:
+                raise ConfigError(f"CLOSED_LOOP.{name.upper()}: expected 0 or more ticks, found {getattr(self, name)}")
+
+    @classmethod
+    def from_config(cls, cfg: Mapping[str, Any]) -> EpisodeSettings:
+        """From CLOSED_LOOP, whose keys are the fields' names in capitals; what it leaves out is as above."""
+        dynamics = LongitudinalModel(**_fields(LongitudinalModel, cfg.get("DYNAMICS", {}), "CLOSED_LOOP.DYNAMICS"))
+        plain = {key: value for key, value in cfg.items() if key != "DYNAMICS"}
+        return cls(dynamics=dynamics, **_fields(cls, plain, "CLOSED_LOOP"))
+
+
+def _fields(settings: type, cfg: Mapping[str, Any], where: str) -> dict[str, Any]:
+    known = [f.name for f in fields(settings)]
+    for key in cfg:
+        if key.lower() not in known:
+            raise ConfigError(f"{where}: unknown key {key!r}; known: {', '.join(known).upper()}")
+    return {key.lower(): value for key, value in cfg.items()}
 
 
 def run_episode(
@@ -93,11 +114,13 @@ class _Episode:
 
     def _awake(self) -> bool:
         """Whether anybody can matter: not before the first gap or zone comes near, nor once all are out of the way."""
-        near = self.front_x > self.scenario.first_x - self.settings.wake_m
-        return near and any(
+        return self._is_near() and any(
             self.world.actor(threat.object_id).trajectory.at(self.time_s).distance < threat.clear_after_m
             for threat in self.scenario.threats
         )
+
+    def _is_near(self) -> bool:
+        return self.front_x > self.scenario.first_x - self.settings.wake_m
 
     def _rest(self) -> float:
         if self.settings.keep_perceived:
@@ -126,12 +149,12 @@ class _Episode:
     def _move(self, order: float) -> None:
         """Hold the ordered target speed for a tick; whoever is met on the way is noted."""
         before, start_s = self.state, self.time_s
-        self.gauges.surroundings(_ego_box(before.position, self.scenario), before.speed, self._threats(), start_s)
         ride = drive(before, order, self.settings.tick_s, self.settings.dynamics)
         self.rows.append((start_s, before.position, before.speed, before.acceleration, order))
         self._release(ride)
         self.gauges.ride(ride)
-        for contact, actor in sorted(self._contacts(ride), key=lambda met: met[0].time_s):
+        near = self._neighbours() if self._is_near() else []
+        for contact, actor in sorted(self._contacts(ride, near), key=lambda met: met[0].time_s):
             self._meet(contact, actor, ride)
             if self.crashed:
                 self.state = _state_at(ride, contact.time_s - start_s)
@@ -148,17 +171,24 @@ class _Episode:
                 self.world.release(number, self.time_s + float(moment))
                 del self.waiting[number]
 
-    def _contacts(self, ride: Drive) -> list[tuple[Contact, Actor]]:
-        """Everybody whom the ego touches for the first time during a ride; contact times count from the start."""
+    def _neighbours(self) -> list[Actor]:
+        """Threats whom the ego may meet within a tick; distances and times to collision are noted on the way."""
+        threats, ego = self._threats(), _ego_box(self.state.position, self.scenario)
+        motions = [actor.trajectory.at(self.time_s) for actor in threats]
+        boxes = [floor_box(motion, actor.spec.size) for motion, actor in zip(motions, threats, strict=True)]
+        velocity = [(m.speed * np.cos(m.yaw) - self.state.speed, m.speed * np.sin(m.yaw)) for m in motions]
+        apart = self.gauges.surroundings(ego, np.reshape(boxes, (-1, 7)), np.reshape(velocity, (-1, 2)))
+        return [actor for actor, distance in zip(threats, apart, strict=True) if distance < NEAR_M]
+
+    def _contacts(self, ride: Drive, threats: list[Actor]) -> list[tuple[Contact, Actor]]:
+        """Threats that the ego touches for the first time during a ride."""
         stride = max(int(MAX_STEP_S / self.settings.dynamics.step_s + 1e-9), 1)
         moments = np.unique([*range(0, len(ride.times), stride), len(ride.times) - 1])
-        egos = np.array([_ego_box(x, self.scenario) for x in ride.positions[moments]])
         times, found = self.time_s + ride.times[moments], []
-        for actor in self._threats():
-            start = box_at(actor, times[0])
-            if separation(egos[:1], start[None])[0] < NEAR_M:
-                contact = first_contact(times, egos, np.array([box_at(actor, t) for t in times]))
-                found += [(contact, actor)] if contact else []
+        for actor in threats:
+            egos = np.array([_ego_box(x, self.scenario) for x in ride.positions[moments]])
+            contact = first_contact(times, egos, np.array([box_at(actor, t) for t in times]))
+            found += [(contact, actor)] if contact else []
         return found
 
     def _meet(self, contact: Contact, actor: Actor, ride: Drive) -> None:
@@ -195,6 +225,7 @@ class _Episode:
             impact_speed=self.impact_speed,
             hardest_deceleration=gauges.hardest_deceleration,
             hardest_jerk=gauges.hardest_jerk,
+            duration_s=end_s,
             mean_speed=(self.state.position - self.scenario.ego_start_x) / max(end_s, 1e-9),
             false_brake_share=gauges.false_brake_share,
             first_detection_m=gauges.first_detection_m(met),

@@ -37,6 +37,7 @@ class EpisodeLog:
     hardest_deceleration: float  # m/s2, >= 0
     hardest_jerk: float  # m/s3, its magnitude
     mean_speed: float
+    duration_s: float  # simulated, to the crash where there is one
     false_brake_share: float  # of the ticks awake: asked to go slower than the truth would have asked
     first_detection_m: float  # ahead of the bumper: the threat that was noticed last, when it was first noticed
     missed_outside: int  # threats that mattered and went unseen, summed over ticks: outside every field of view
@@ -65,7 +66,7 @@ class EpisodeRow:
     first_detection_m: float
     missed_outside: int
     missed_occluded: int
-    duration_s: float  # simulated
+    duration_s: float
     messages: int  # used in all
     message_bytes: float  # mean size
     message_age_s: float  # mean age when used

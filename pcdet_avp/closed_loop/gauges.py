@@ -30,16 +30,14 @@ class Gauges:
         self._awake_ticks, self._false_brakes = 0, 0
         self._noticed_at: dict[int, float] = {}
 
-    def surroundings(self, ego: np.ndarray, speed: float, threats: Sequence[Actor], time_s: float) -> None:
-        """How near the ego's box (7,) is to others now, and how soon it would meet them, all keeping their velocity."""
-        if not threats:
-            return
-        motions = [actor.trajectory.at(time_s) for actor in threats]
-        boxes = np.array([floor_box(m, actor.spec.size) for m, actor in zip(motions, threats, strict=True)])
-        velocity = np.array([(m.speed * np.cos(m.yaw) - speed, m.speed * np.sin(m.yaw)) for m in motions])
-        egos = np.broadcast_to(ego, boxes.shape)
-        self.min_distance_m = min(self.min_distance_m, float(separation(egos, boxes).min()))
-        self.min_ttc_s = min(self.min_ttc_s, float(time_to_collision(egos, boxes, velocity).min()))
+    def surroundings(self, ego: np.ndarray, others: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """Distances (N,) m of the ego's box (7,) from boxes (N, 7) that move at ``velocity`` (N, 2) m/s relative to it;
+        the smallest is noted, and how soon the first of them would be met."""
+        egos = np.broadcast_to(ego, others.shape)
+        apart = separation(egos, others)
+        self.min_distance_m = min(self.min_distance_m, float(apart.min(initial=np.inf)))
+        self.min_ttc_s = min(self.min_ttc_s, float(time_to_collision(egos, others, velocity).min(initial=np.inf)))
+        return apart
 
     def ride(self, ride: Drive) -> None:
         """How hard the ego braked and how abruptly."""

@@ -1,4 +1,4 @@
-"""The two ends of perception: one who knows everything, and one who sees nothing."""
+"""The ends of perception: one who knows everything, one who sees nothing, and one who is always afraid."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pcdet_avp.closed_loop.perceiver import Perceived, PerceiverSettings
+from pcdet_avp.closed_loop.policy import BUMPER_X_M
 from pcdet_avp.sim.episodes import Scenario
 from pcdet_avp.sim.world import World
 from pcdet_avp.structures.bev_grid import BevGrid
@@ -38,3 +39,15 @@ class Blind:
 
     def perceive(self, world: World, tick: int, combo: SensorSet) -> Perceived:
         return Perceived.nothing()
+
+
+class AlwaysSlow:
+    """Fears a walker beside the lane wherever it is, and so drives at half the cruising speed: a timid car's score."""
+
+    PHANTOM = np.array([[BUMPER_X_M + 1.0, 4.0, 0.9, 0.375, 0.375, 1.8, 0.0]])
+
+    def begin(self, scenario: Scenario, seed_key: Sequence[int]) -> None:
+        """Nothing to prepare."""
+
+    def perceive(self, world: World, tick: int, combo: SensorSet) -> Perceived:
+        return Perceived(self.PHANTOM, np.array(["Pedestrian"]), np.ones(1))

@@ -94,6 +94,12 @@ def _blind(settings: PerceiverSettings) -> Perceiver:
     return Blind()
 
 
+def _always_slow(settings: PerceiverSettings) -> Perceiver:
+    from pcdet_avp.closed_loop.oracle import AlwaysSlow
+
+    return AlwaysSlow()
+
+
 def _model(settings: PerceiverSettings) -> Perceiver:
     """The trained network; torch is imported here and not before."""
     try:
@@ -108,7 +114,9 @@ PERCEIVERS: dict[str, Callable[[PerceiverSettings], Perceiver]] = {
     "oracle": _oracle,
     "los": _los,
     "blind": _blind,
+    "always_slow": _always_slow,
 }
+SENSORLESS = ("oracle", "blind", "always_slow")  # these see the same with every sensor combination
 
 
 def build_perceiver(name: str, settings: PerceiverSettings) -> Perceiver:

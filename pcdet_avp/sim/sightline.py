@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from pcdet_avp.sim.mesh import Mesh
-from pcdet_avp.sim.raytracer import RayTracer
+from pcdet_avp.sim.raytracer import FAR_M, RayTracer
 from pcdet_avp.structures.camera import PinholeCamera
 from pcdet_avp.structures.lidar_scan import MAX_RANGE_M, LidarModel
 from pcdet_avp.structures.pose import Pose
@@ -20,33 +20,35 @@ SKIN_M = 1e-3  # what stands must be nearer by this to hide a road user
 COARSE = 4  # every fourth ray each way is cast first: that is often enough to know
 
 
-def camera_rays_at(camera: PinholeCamera, world_from_agent: Pose, mesh: Mesh, step: int = 1) -> np.ndarray:
-    """(R, 3) world-frame rays, one metre along the optical axis, of the pixels whose centres lie within the bounds of
-    a mesh (world frame); every ``step``-th column and row."""
-    agent_from_world = world_from_agent.inverse()
-    vertices = mesh.vertices.astype(np.float64)
-    uv, depth = camera.project(agent_from_world.apply(vertices))
-    ahead = depth > NEAR_M
+def camera_rays_at(camera: PinholeCamera, world_from_agent: Pose, mesh: Mesh) -> np.ndarray:
+    """(rows, columns, 3) world-frame rays, one metre along the optical axis, of the pixels whose centres lie within
+    the bounds of a mesh (world frame)."""
+    world_from_camera = world_from_agent @ camera.agent_from_camera
+    to_world = world_from_camera.rotation @ np.linalg.inv(camera.intrinsics)
+    local = (mesh.vertices - world_from_camera.translation) @ world_from_camera.rotation
+    ahead = local[:, 2] > NEAR_M
     if not ahead.any():
-        return np.zeros((0, 3), np.float32)
-    low, high = uv[ahead].min(0), uv[ahead].max(0)
-    if not ahead.all():  # it reaches behind the camera: past the picture's border, on whichever sides its visible part is
+        return np.zeros((0, 0, 3), np.float32)
+    uv = local[ahead, :2] / local[ahead, 2:] * [camera.fx, camera.fy] + [camera.cx, camera.cy]
+    low, high = uv.min(0), uv.max(0)
+    if (
+        not ahead.all()
+    ):  # it reaches behind the camera: past the picture's border, on whichever sides its visible part is
         middle = np.array([camera.cx, camera.cy])
         low, high = np.where(low < middle, -np.inf, low), np.where(high > middle, np.inf, high)
     (u0, v0), (u1, v1) = np.clip([low, high], 0, [camera.width, camera.height])
-    columns, rows = (np.arange(np.ceil(a - 0.5), np.floor(b - 0.5) + 1, step) for a, b in ((u0, u1), (v0, v1)))
-    u, v = (a.ravel() for a in np.meshgrid(columns + 0.5, rows + 0.5))
-    to_world = (world_from_agent @ camera.agent_from_camera).rotation @ np.linalg.inv(camera.intrinsics)
-    return (np.stack([u, v, np.ones_like(u)], 1) @ to_world.T).astype(np.float32)
+    columns, rows = (np.arange(np.ceil(a - 0.5), np.floor(b - 0.5) + 1) for a, b in ((u0, u1), (v0, v1)))
+    u, v = np.meshgrid(columns + 0.5, rows + 0.5)
+    return (np.stack([u, v, np.ones_like(u)], -1) @ to_world.T).astype(np.float32)
 
 
-def lidar_rays_at(lidar: LidarModel, world_from_agent: Pose, mesh: Mesh, step: int = 1) -> np.ndarray:
-    """(R, 3) world-frame unit rays of the beams and columns within the bounds of a mesh (world frame)."""
-    local = (world_from_agent @ lidar.agent_from_lidar).inverse().apply(mesh.vertices.astype(np.float64))
+def lidar_rays_at(lidar: LidarModel, world_from_agent: Pose, mesh: Mesh) -> np.ndarray:
+    """(beams, columns, 3) world-frame unit rays within the bounds of a mesh (world frame)."""
+    world_from_lidar = world_from_agent @ lidar.agent_from_lidar
+    local = (mesh.vertices - world_from_lidar.translation) @ world_from_lidar.rotation
     azimuth, elevation = np.arctan2(local[:, 1], local[:, 0]), np.arctan2(local[:, 2], np.hypot(*local[:, :2].T))
     beams, columns = _between(lidar.elevations, elevation), _between(lidar.azimuths, azimuth)
-    rays = lidar.directions()[beams[::step, None], columns[None, ::step]].reshape(-1, 3)
-    return rays @ world_from_agent.rotation.T.astype(np.float32)
+    return lidar.directions()[beams[:, None], columns] @ world_from_agent.rotation.T.astype(np.float32)
 
 
 def _between(lattice: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -80,11 +82,7 @@ def camera_sees(
 ) -> bool | None:
     """Whether a camera has ``pixels`` on a road user; None where its picture has not room for so many."""
     eye = (world_from_agent @ camera.agent_from_camera).translation
-
-    def rays(step: int) -> np.ndarray:
-        return camera_rays_at(camera, world_from_agent, mesh, step)
-
-    return _sees(tracer, eye, rays, object_id, np.inf, pixels)
+    return _sees(tracer, eye, camera_rays_at(camera, world_from_agent, mesh), object_id, float(FAR_M), pixels)
 
 
 def lidar_sees(
@@ -92,19 +90,15 @@ def lidar_sees(
 ) -> bool | None:
     """Whether a LiDAR that drops nothing has so many returns; None where its beams have not room for so many."""
     origin = (world_from_agent @ lidar.agent_from_lidar).translation
-
-    def rays(step: int) -> np.ndarray:
-        return lidar_rays_at(lidar, world_from_agent, mesh, step)
-
-    return _sees(tracer, origin, rays, object_id, MAX_RANGE_M, returns)
+    return _sees(tracer, origin, lidar_rays_at(lidar, world_from_agent, mesh), object_id, MAX_RANGE_M, returns)
 
 
-def _sees(tracer: RayTracer, origin, rays_of, object_id: int, limit: float, needed: int) -> bool | None:
+def _sees(tracer: RayTracer, origin, rays: np.ndarray, object_id: int, limit: float, needed: int) -> bool | None:
     """A part of the rays is enough where it holds the needed hits; else all are counted."""
-    all_rays = rays_of(1)
-    if len(all_rays) < needed:
+    count = rays.shape[0] * rays.shape[1]
+    if count < needed:
         return None
-    limit = min(limit, 1e6)
-    if len(all_rays) > COARSE**2 * needed and hits_on(tracer, origin, rays_of(COARSE), object_id, limit) >= needed:
-        return True
-    return hits_on(tracer, origin, all_rays, object_id, limit) >= needed
+    for part in (rays[::COARSE, ::COARSE], rays) if count > COARSE**2 * needed else (rays,):
+        if hits_on(tracer, origin, part.reshape(-1, 3), object_id, limit) >= needed:
+            return True
+    return False

@@ -87,9 +87,16 @@ class World:
         return self._cached("road_users", self._find_road_users)
 
     def _find_road_users(self) -> RoadUsers:
-        boxes = np.array([box_at(actor, self.time_s) for actor in self.actors]).reshape(-1, 7)
+        resting = self._resting_boxes
+        boxes = [resting[k] if k in resting else box_at(actor, self.time_s) for k, actor in self._actors.items()]
+        boxes = np.array(boxes).reshape(-1, 7)
         names = np.array([actor.name for actor in self.actors], dtype="<U10")
         return RoadUsers(np.array(list(self._actors), dtype=np.int64), names, boxes)
+
+    @cached_property
+    def _resting_boxes(self) -> dict[int, np.ndarray]:
+        """Boxes (7,) of those who can never move, by object id."""
+        return {number: box_at(actor, 0.0) for number, actor in self._actors.items() if stands(actor)}
 
     def mesh_of(self, object_id: int) -> Mesh:
         """Of someone on a trajectory, where they are now; world frame."""
