@@ -20,10 +20,18 @@ EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 
 
-def config_parser(description: str) -> argparse.ArgumentParser:
-    """A parser with ``--cfg`` (also ``--cfg_file``) and ``--set``."""
+def config_parser(description: str, default: str | None = None) -> argparse.ArgumentParser:
+    """A parser with ``--cfg`` (also ``--cfg_file``; required where there is no default) and ``--set``."""
     parser = argparse.ArgumentParser(description=description)
-    parser.add_argument("--cfg", "--cfg_file", dest="cfg", required=True, metavar="FILE", help="configuration (YAML)")
+    parser.add_argument(
+        "--cfg",
+        "--cfg_file",
+        dest="cfg",
+        required=default is None,
+        default=default,
+        metavar="FILE",
+        help="configuration (YAML)" + (f" (default: {os.path.basename(default)})" if default else ""),
+    )
     parser.add_argument(
         "--set", dest="overrides", nargs=argparse.REMAINDER, default=[], metavar="KEY VALUE", help="override keys; last"
     )

@@ -6,6 +6,7 @@ A trajectory that waits is ``released``: a copy with another start time. Nothing
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -123,6 +124,38 @@ class Route:
         return Motion(*self.path.at(distance), self.speed if moving else 0.0, distance)
 
     def released(self, time_s: float) -> Route:
+        return replace(self, start_s=time_s)
+
+
+@dataclass(frozen=True)
+class Waypoints:
+    """Walks once from point to point (x, y) at constant speed, turning on the spot; waits at the first one before
+    ``start_s`` and stands at the last one."""
+
+    points: tuple[tuple[float, float], ...]
+    speed: float
+    start_s: float = 0.0
+
+    @cached_property
+    def _legs(self) -> tuple[np.ndarray, np.ndarray]:
+        """Corners (K, 2) and the distance (K,) from the start to each."""
+        corners = np.array(self.points)
+        return corners, np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(corners, axis=0).T))])
+
+    @property
+    def length(self) -> float:
+        return float(self._legs[1][-1])
+
+    def at(self, time_s: float) -> Motion:
+        corners, reached = self._legs
+        distance = min(max(time_s - self.start_s, 0.0) * self.speed, self.length)
+        leg = min(int(np.searchsorted(reached, distance, side="right")), len(corners) - 1) - 1
+        along = corners[leg + 1] - corners[leg]
+        x, y = corners[leg] + along * (distance - reached[leg]) / (reached[leg + 1] - reached[leg])
+        walks = time_s >= self.start_s and distance < self.length
+        return Motion(float(x), float(y), float(np.arctan2(*along[::-1])), self.speed if walks else 0.0, distance)
+
+    def released(self, time_s: float) -> Waypoints:
         return replace(self, start_s=time_s)
 
 

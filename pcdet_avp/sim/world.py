@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -26,6 +26,8 @@ from pcdet_avp.structures.pose import Pose
 BUILDING_INSTANCE = -1
 EGO_INSTANCE = -2
 EGO_SPEC = CarSpec("sedan", EGO_LENGTH_M, EGO_WIDTH_M, 1.5, (0.55, 0.56, 0.58))
+
+MOVING = ("road_users", "movers", "moving_scene", "ego_tracer", "infra_tracer")  # what a moment's end puts out of date
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,13 +54,17 @@ class World:
         self._actors = {actor.object_id: actor for actor in actors}
         if len(self._actors) != len(actors) or any(number < 0 for number in self._actors):
             raise GeometryError(f"world: object ids must differ and be >= 0, found {[a.object_id for a in actors]}")
-        self._cache: dict[str, list[tuple[Mesh, int]] | TriangleScene | RayTracer] = {}
+        self._cache: dict[str, RoadUsers | list[tuple[Mesh, int]] | TriangleScene | RayTracer] = {}
         self.set_ego(layout.road_start_x, layout.lane_y, 0.0)
 
     @property
     def actors(self) -> tuple[Actor, ...]:
         """Every road user but the ego: parked, moving, walking."""
         return tuple(self._actors.values())
+
+    def actor(self, object_id: int) -> Actor:
+        """The road user of that number."""
+        return self._actors[object_id]
 
     def set_ego(self, x: float, y: float, yaw: float) -> None:
         """Put the ego's centre at x, y (m), heading yaw (rad)."""
@@ -69,18 +75,32 @@ class World:
         """Every scripted road user goes to where it is at a time (s)."""
         if time_s != self.time_s:
             self.time_s = time_s
-            self._forget("movers", "moving_scene", "ego_tracer", "infra_tracer")
+            self._forget(*MOVING)
 
     def release(self, object_id: int, time_s: float) -> None:
         """Let a waiting road user set off at a time (s)."""
         self._actors[object_id] = released(self._actors[object_id], time_s)
-        self._forget("movers", "moving_scene", "ego_tracer", "infra_tracer")
+        self._forget(*MOVING)
 
     def road_users(self) -> RoadUsers:
         """Everybody but the ego, at this moment."""
-        boxes = np.array([box_at(actor, self.time_s) for actor in self.actors]).reshape(-1, 7)
+        return self._cached("road_users", self._find_road_users)
+
+    def _find_road_users(self) -> RoadUsers:
+        resting = self._resting_boxes
+        boxes = [resting[k] if k in resting else box_at(actor, self.time_s) for k, actor in self._actors.items()]
+        boxes = np.array(boxes).reshape(-1, 7)
         names = np.array([actor.name for actor in self.actors], dtype="<U10")
         return RoadUsers(np.array(list(self._actors), dtype=np.int64), names, boxes)
+
+    @cached_property
+    def _resting_boxes(self) -> dict[int, np.ndarray]:
+        """Boxes (7,) of those who can never move, by object id."""
+        return {number: box_at(actor, 0.0) for number, actor in self._actors.items() if stands(actor)}
+
+    def mesh_of(self, object_id: int) -> Mesh:
+        """Of someone on a trajectory, where they are now; world frame."""
+        return next(mesh for mesh, number in self._movers() if number == object_id)
 
     @property
     def lighting(self) -> Lighting:
@@ -92,8 +112,7 @@ class World:
     @cached_property
     def static_scene(self) -> TriangleScene:
         """The building and everybody who can never move; built once."""
-        standing = [(actor.mesh_at(0.0), actor.object_id) for actor in self.actors if stands(actor)]
-        return TriangleScene([(building_mesh(self.layout), BUILDING_INSTANCE), *standing])
+        return _static_scene(self.layout, tuple(actor for actor in self.actors if stands(actor)))
 
     def moving_scene(self) -> TriangleScene:
         """Everybody on a trajectory, where they are now."""
@@ -125,3 +144,10 @@ class World:
     def _forget(self, *names: str) -> None:
         for name in names:
             self._cache.pop(name, None)
+
+
+@lru_cache(maxsize=2)
+def _static_scene(layout: GarageLayout, standing: tuple[Actor, ...]) -> TriangleScene:
+    """Kept for the next world with the same garage and parked cars: half a second's work."""
+    parked = [(actor.mesh_at(0.0), actor.object_id) for actor in standing]
+    return TriangleScene([(building_mesh(layout), BUILDING_INSTANCE), *parked])

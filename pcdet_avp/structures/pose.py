@@ -25,9 +25,9 @@ class Pose:
         if not np.isfinite(matrix).all():
             raise GeometryError("pose: matrix holds NaN or infinite values")
         rotation = matrix[:3, :3]
-        if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6) or np.linalg.det(rotation) < 0:
+        if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6 or np.linalg.det(rotation) < 0:
             raise GeometryError("pose: upper left 3 x 3 block is not a rotation")
-        if not np.allclose(matrix[3], [0, 0, 0, 1]):
+        if matrix[3].tolist() != [0, 0, 0, 1]:
             raise GeometryError(f"pose: last row must be 0 0 0 1, found {matrix[3].tolist()}")
         matrix.setflags(write=False)
         object.__setattr__(self, "matrix", matrix)

@@ -1,0 +1,36 @@
+"""The car's mind: detections are remembered for a few ticks, and the policy says how fast to go."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from pcdet_avp.closed_loop.policy import target_speed
+from pcdet_avp.sim.junction_map import JunctionMap
+from pcdet_avp.structures.boxes import transform_boxes
+from pcdet_avp.structures.ego import overlaps_ego
+from pcdet_avp.structures.pose import Pose
+
+
+class Driver:
+    """Decides by the detections of the newest tick and of ``hold_ticks`` before it, where they were found (world)."""
+
+    def __init__(
+        self, cruising: float, junction: JunctionMap | None, hold_ticks: int = 0, from_bumper: bool = True
+    ) -> None:
+        self._cruising, self._junction, self._from_bumper = cruising, junction, from_bumper
+        self._held: deque[tuple[np.ndarray, np.ndarray]] = deque(maxlen=hold_ticks + 1)
+
+    def decide(self, boxes: np.ndarray, names: np.ndarray, world_from_ego: Pose) -> float:
+        """v* in m/s for new detections (N, 7), names (N,) in the ego frame; those that overlap the ego are dropped."""
+        others = ~overlaps_ego(boxes)
+        self._held.append((transform_boxes(world_from_ego, boxes[others]), names[others]))
+        known = np.concatenate([held[0] for held in self._held])
+        what = np.concatenate([held[1] for held in self._held])
+        return self.target_speed(transform_boxes(world_from_ego.inverse(), known), what, world_from_ego)
+
+    def target_speed(self, boxes: np.ndarray, names: np.ndarray, world_from_ego: Pose) -> float:
+        """v* in m/s for boxes (N, 7) in the ego frame, without any memory; the world's frame is the map's."""
+        walkers, vehicles = boxes[names == "Pedestrian"], boxes[names == "Car"]
+        return target_speed(walkers, vehicles, self._cruising, world_from_ego, self._junction, self._from_bumper)

@@ -1,0 +1,162 @@
+"""Pedestrians who step out between parked vehicles (paper, section "Evaluations of Safety-Critical Scenarios").
+
+In a stretch of the road in front of the mast, a walker waits in every second gap or so, crosses the road once without
+noticing the ego, and goes into a gap on the other side. The walk is timed so that the walker would be in the middle
+of the ego's lane when the ego's front would arrive there at cruising speed, give or take 0.3 s.
+
+``pedestrian_late`` hides them better: in every bay a van stands on the side that the ego comes from, its end level
+with the road, behind a pillar; the walker comes from close behind the van.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+
+import numpy as np
+
+from pcdet_avp.sim.actors import Car, Pedestrian
+from pcdet_avp.sim.cars import draw_car
+from pcdet_avp.sim.episodes import SETTLE_S, Scenario, Threat, start_before
+from pcdet_avp.sim.garage import LANE_WIDTH_M, SLOT_DEPTH_M, GarageLayout, Slot
+from pcdet_avp.sim.layouts import GarageConfig, draw_layout
+from pcdet_avp.sim.lights import Lighting, draw_lighting
+from pcdet_avp.sim.pedestrians import draw_pedestrian
+from pcdet_avp.sim.traffic import SLOT_CLEARANCE_M, draw_parked
+from pcdet_avp.sim.trajectories import Standing, Waypoints
+from pcdet_avp.sim.walkers import vehicle_gaps
+from pcdet_avp.structures.ego import EGO_LENGTH_M, EGO_WIDTH_M
+
+WALKING_MPS = {"adult": 1.5, "child": 2.0}  # paper
+GOES_IN_M = 2.3  # how far a walker goes into the gap on the other side
+STEP_ASIDE_M = 0.3  # what separates a walker who has left the ego's swath from it
+
+
+@dataclass(frozen=True)
+class CrossingConfig:
+    """What a crossing episode is drawn from."""
+
+    garage: GarageConfig = field(default_factory=GarageConfig)
+    stretch_x: tuple[float, float] = (-42.0, -18.0)  # where gaps are used, m before the mast
+    occupancy: float = 0.9
+    walker_share: float = 0.5  # of the gaps (paper)
+    child_share: float = 0.5
+    setback_m: tuple[float, float] = (1.8, 2.2)  # how deep inside the gap a walker waits
+    spread_s: float = 0.3  # of the arrival in the lane's middle
+    vans_first: bool = False  # pedestrian_late
+
+
+@dataclass(frozen=True, eq=False)
+class Crossing:
+    """A walker: the path, the point of it in the middle of the ego's lane, and how late (s) the walker is there."""
+
+    walker: Pedestrian
+    meet_x: float
+    meet_after_m: float  # of the path
+    clear_after_m: float
+    late_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class CrossingPlan:
+    """What does not depend on the ego's speed: garage, parked vehicles, walkers; drawn once for all speeds."""
+
+    layout: GarageLayout
+    lighting: Lighting
+    parked: Mapping[Slot, Car]
+    first_gap_x: float
+    crossings: tuple[Crossing, ...]
+
+
+def crossing_episode(name: str, cfg: CrossingConfig, seed: int, trial: int, cruising: float) -> Scenario:
+    """One episode; plan and timing follow from ``seed`` and ``trial``, whatever the speed."""
+    plan = draw_plan(cfg, seed, trial)
+    threats = tuple(_threat(crossing, cruising) for crossing in plan.crossings)
+    earliest = min(threat.release_x for threat in threats)
+    start_x = start_before(plan.layout, min(plan.first_gap_x - SETTLE_S * cruising, earliest), name, cruising)
+    last_x = max(x for crossing in plan.crossings for x, _ in crossing.walker.trajectory.points)
+    return Scenario(
+        name=name,
+        trial=trial,
+        seed_key=(seed, trial),
+        cruising=cruising,
+        layout=plan.layout,
+        actors=(*plan.parked.values(), *(crossing.walker for crossing in plan.crossings)),
+        lighting=plan.lighting,
+        ego_start_x=start_x,
+        threats=threats,
+        first_x=plan.first_gap_x,
+        end_x=last_x + EGO_LENGTH_M + STEP_ASIDE_M,
+    )
+
+
+def _threat(crossing: Crossing, cruising: float) -> Threat:
+    """Released when the ego's front comes within v_c times the time to walk to the lane's middle, given or taken."""
+    walking_s = crossing.meet_after_m / crossing.walker.trajectory.speed
+    release_x = crossing.meet_x - cruising * (walking_s - crossing.late_s)
+    return Threat(crossing.walker.object_id, crossing.clear_after_m, release_x)
+
+
+@lru_cache(maxsize=4)
+def draw_plan(cfg: CrossingConfig, seed: int, trial: int) -> CrossingPlan:
+    """Draw until at least one gap holds a walker."""
+    rng = np.random.default_rng(np.random.SeedSequence([seed, trial]))
+    while True:
+        layout = draw_layout(rng, cfg.garage)
+        parked = draw_parked(rng, layout, cfg.occupancy)
+        if cfg.vans_first:
+            parked = _vans_first(rng, layout, parked)
+        gaps = _used_gaps(cfg, layout, parked)
+        crossings = [
+            _draw_crossing(rng, cfg, layout, gap, len(parked) + k)
+            for k, gap in enumerate(gaps)
+            if rng.random() < cfg.walker_share
+        ]
+        if crossings:
+            lighting = draw_lighting(layout.lamps, rng)
+            return CrossingPlan(layout, lighting, parked, float(gaps[:, 0].min()), tuple(crossings))
+
+
+def _vans_first(rng: np.random.Generator, layout: GarageLayout, parked: Mapping[Slot, Car]) -> dict[Slot, Car]:
+    """Vans on the ego's side of every gap and low cars beyond it, all level with the road."""
+    bodies = {}
+    for near, far in layout.neighbours():
+        bodies |= {near: "van", far: "hatchback" if rng.random() < 0.5 else "sedan"}
+    return {slot: _level_with_road(rng, car, slot, bodies.get(slot)) for slot, car in parked.items()}
+
+
+def _level_with_road(rng: np.random.Generator, car: Car, slot: Slot, body: str | None) -> Car:
+    """The car's end at the road stands at its slot's; ``body`` (None: any) takes the place of what was drawn."""
+    spec = draw_car(rng, body)
+    inwards = SLOT_CLEARANCE_M / 2 + spec.length / 2 - SLOT_DEPTH_M / 2
+    pose = car.trajectory.at(0.0)
+    return replace(car, spec=spec, trajectory=Standing(pose.x, slot.y + np.sign(slot.y) * inwards, pose.yaw))
+
+
+def _used_gaps(cfg: CrossingConfig, layout: GarageLayout, parked: Mapping[Slot, Car]) -> np.ndarray:
+    """(G, 3) x, y, heading of the mouths of the gaps in the stretch."""
+    gaps = vehicle_gaps(layout, parked)
+    return gaps[(gaps[:, 0] >= cfg.stretch_x[0]) & (gaps[:, 0] <= cfg.stretch_x[1])]
+
+
+def _draw_crossing(rng, cfg: CrossingConfig, layout: GarageLayout, gap: np.ndarray, object_id: int) -> Crossing:
+    """Out of a gap, across the road, into the nearest gap between slots on the other side."""
+    kind = "child" if rng.random() < cfg.child_share else "adult"
+    spec = draw_pedestrian(rng, kind)
+    x, mouth_y, side = float(gap[0]), float(gap[1]), float(np.sign(gap[1]))
+    across = layout.slot_gaps()
+    across = across[np.sign(across[:, 1]) == -side, 0]
+    there_x, edge = float(across[np.abs(across - x).argmin()]), side * LANE_WIDTH_M
+    start_y = mouth_y + side * rng.uniform(*cfg.setback_m)
+    points = ((x, start_y), (x, edge), (there_x, -edge), (there_x, -edge - side * GOES_IN_M))
+    slope = (there_x - x) / (2 * LANE_WIDTH_M)
+
+    def walked(y: float) -> float:
+        return abs(start_y - edge) + abs(edge - y) * float(np.hypot(1, slope))
+
+    clear_y = layout.lane_y - side * (EGO_WIDTH_M / 2 + spec.box_side / 2 + STEP_ASIDE_M)
+    walker = Pedestrian(object_id, spec, Waypoints(points, WALKING_MPS[kind]))
+    meet_x = x + slope * abs(edge - layout.lane_y)
+    late_s = float(rng.uniform(-cfg.spread_s, cfg.spread_s))
+    return Crossing(walker, meet_x, walked(layout.lane_y), walked(clear_y), late_s)

@@ -1,0 +1,35 @@
+"""The scenarios of the closed loop by name."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import partial
+
+from pcdet_avp.errors import ConfigError
+from pcdet_avp.sim.crossing_episodes import CrossingConfig, crossing_episode
+from pcdet_avp.sim.episodes import Scenario
+from pcdet_avp.sim.junction_episodes import JunctionConfig, junction_episode
+from pcdet_avp.sim.layouts import GarageConfig
+
+LATE = CrossingConfig(
+    garage=GarageConfig(slots_per_bay=(2, 2)),
+    occupancy=1.0,
+    setback_m=(2.8, 3.2),
+    vans_first=True,
+)
+SCENARIOS: dict[str, Callable[[int, int, float], Scenario]] = {
+    "pedestrian": partial(crossing_episode, "pedestrian", CrossingConfig()),
+    "pedestrian_late": partial(crossing_episode, "pedestrian_late", LATE),
+    "t_junction": partial(junction_episode, "t_junction", JunctionConfig()),
+    "t_junction_wide": partial(junction_episode, "t_junction_wide", JunctionConfig(spread_s=1.0)),
+}
+
+
+def draw_scenario(name: str, seed: int, trial: int, cruising: float) -> Scenario:
+    """One episode's blueprint; its plan is the same at every speed. ConfigError for an unknown name or a bad speed."""
+    if name not in SCENARIOS:
+        raise ConfigError(f"unknown scenario {name!r}; known: {', '.join(SCENARIOS)}")
+    if not (math.isfinite(cruising) and cruising > 0):
+        raise ConfigError(f"speed: expected more than 0 m/s, found {cruising}")
+    return SCENARIOS[name](seed, trial, cruising)
