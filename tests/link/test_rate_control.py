@@ -49,5 +49,5 @@ def test_cells_of_equal_length_do_not_break_the_budget():
 
 
 def test_a_budget_below_an_empty_map_is_refused():
-    with pytest.raises(PacketError, match="an empty map takes .* the budget is 20 B"):
+    with pytest.raises(PacketError, match=r"an empty map takes .* the budget is 20 B"):
         encode_within(np.ones(SHAPE), STAMP, SEGMENT, "float16", 20)
