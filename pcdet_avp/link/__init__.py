@@ -10,6 +10,7 @@ from pcdet_avp.link.loss import LossModel
 from pcdet_avp.link.nr_v2x import NrV2xConfig
 from pcdet_avp.link.packet import LatentMap, decode, encode
 from pcdet_avp.link.precision import int8_exponents, rounded
+from pcdet_avp.link.rate_control import encode_within
 from pcdet_avp.link.receiver import Receiver
 
 __all__ = [
@@ -23,6 +24,7 @@ __all__ = [
     "Receiver",
     "decode",
     "encode",
+    "encode_within",
     "int8_exponents",
     "rounded",
 ]

@@ -67,7 +67,10 @@ class AvpCp(nn.Module):
             batch_dict = drop_roadside_maps(batch_dict, self.map_dropout, int(self.global_step))
         batch_dict = self.encode(batch_dict)
         batch_dict = self.codec.compress(batch_dict)
-        batch_dict = {**batch_dict, "latents": link(self._on_the_air(batch_dict))}
+        return self.perceive({**batch_dict, "latents": link(self._on_the_air(batch_dict))})
+
+    def perceive(self, batch_dict: dict) -> dict:
+        """The vehicle's stages behind the link, in order, from its own maps and the latents that it received."""
         for stage in (self.codec.decompress, self.warp, self.fuser, self.backbone_2d, self.dense_head):
             batch_dict = stage(batch_dict)
         return batch_dict

@@ -1,0 +1,96 @@
+"""What the bandwidth studies vary: how the roadside's maps reach the vehicle, and how well the pose is known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from pcdet_avp.errors import ConfigError
+from pcdet_avp.link.precision import PRECISIONS
+
+STUDIES = ("codec", "budget", "loss", "pose", "objects")
+# The paper's largest map against its dense one (section "Feature Compression"): 72 KB of 421,120 B.
+BUDGET_SHARE = 72_000 / 421_120
+BUDGET_PARTS = (1, 2, 4, 8)
+LOSSES = (0.01, 0.05, 0.2, 0.5, 1.0)
+POSITION_STDS_M = (0.1, 0.2, 0.5, 1.0)
+YAW_STDS_DEG = (0.5, 1.0, 2.0, 5.0)
+
+
+@dataclass(frozen=True)
+class Transmission:
+    """How a map travels. ``precision`` None: as the float32 numbers that they are, without any bytes."""
+
+    precision: str | None
+    thinned: bool = True  # False: with the cells that the trained threshold would drop
+    budget_bytes: int | None = None
+    loss: float = 0.0  # of every transport block
+
+
+@dataclass(frozen=True)
+class Point:
+    """One row of a study. Without ``transmission`` nothing is sent; ``objects``: boxes are sent instead of maps.
+
+    The errors are standard deviations of the vehicle's own pose, per axis.
+    """
+
+    study: str
+    label: str
+    transmission: Transmission | None = None
+    position_std_m: float = 0.0
+    yaw_std_deg: float = 0.0
+    objects: bool = False
+
+
+ALONE = Point("reference", "vehicle alone")
+
+
+def reference(precision: str) -> Point:
+    """What the network sends as it was trained: everything else is held against it."""
+    return Point("reference", f"{precision}, as trained", Transmission(precision))
+
+
+def make_plan(studies: Sequence[str], precision: str, budget_bytes: int) -> list[Point]:
+    """The points of the studies, the two references first."""
+    unknown = [name for name in studies if name not in STUDIES]
+    if unknown or not studies:
+        raise ConfigError(f"--studies: expected some of {', '.join(STUDIES)}, found {', '.join(studies) or 'none'}")
+    of_study = {
+        "codec": _codec(precision),
+        "budget": _budgets(budget_bytes),
+        "loss": [Point("loss", f"{100 * p:g} % lost", Transmission(precision, loss=p)) for p in LOSSES],
+        "pose": _poses(precision),
+        "objects": [Point("objects", "boxes (late fusion)", objects=True)],
+    }
+    return [ALONE, reference(precision), *(point for name in STUDIES if name in studies for point in of_study[name])]
+
+
+def _codec(precision: str) -> list[Point]:
+    others = [name for name in PRECISIONS if name != precision]
+    return [
+        Point("codec", "not thinned, not rounded", Transmission(None, thinned=False)),
+        Point("codec", "thinned, not rounded", Transmission(None)),
+        *(Point("codec", f"{name}, not trained for", Transmission(name)) for name in others),
+    ]
+
+
+def _budgets(budget_bytes: int) -> list[Point]:
+    return [
+        Point("budget", f"{name}, {budget_bytes // part} B", Transmission(name, budget_bytes=budget_bytes // part))
+        for name in PRECISIONS
+        for part in BUDGET_PARTS
+    ]
+
+
+def _poses(precision: str) -> list[Point]:
+    sent = Transmission(precision)
+    return [
+        *(Point("pose", f"{std:g} m", sent, position_std_m=std) for std in POSITION_STDS_M),
+        *(Point("pose", f"{std:g} deg", sent, yaw_std_deg=std) for std in YAW_STDS_DEG),
+    ]
+
+
+def paper_budget_bytes(shape: tuple[int, int, int]) -> int:
+    """The paper's 72 KB, scaled to a latent (c, h, w) of another size."""
+    channels, height, width = shape
+    return round(BUDGET_SHARE * 2 * channels * height * width)

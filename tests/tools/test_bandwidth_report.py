@@ -1,0 +1,59 @@
+"""tools/bandwidth_report.py as a user meets it."""
+
+import json
+
+import pytest
+
+from pcdet_avp.errors import ConfigError
+
+PLOTS = {"bytes.png", "ap_bytes.png", "ap_loss.png", "age.png"}
+
+
+@pytest.fixture(scope="module")
+def report(load_tool, call, trained, tmp_path_factory):
+    """A folder with the report of two studies; the tool was run twice, the second time from finished frames."""
+    folder, ckpt = tmp_path_factory.mktemp("report"), trained / "ckpt" / "checkpoint_epoch_2.pth"
+    how = ("--ckpt", ckpt, "--out", folder / "out", "--combos", "CL+CL", "--studies", "loss,objects")
+    call(folder, "bandwidth_report", *how)
+    first = (folder / "out" / "bandwidth.json").read_text()
+    (folder / "out" / "bandwidth.json").unlink()
+    call(folder, "bandwidth_report", *how)
+    return folder / "out", json.loads(first)
+
+
+def test_every_row_has_its_numbers(report):
+    _, content = report
+    labels = [row["label"] for row in content["rows"]]
+    assert labels[:2] == ["vehicle alone", "float16, as trained"]
+    assert "20 % lost" in labels
+    assert labels[-1] == "boxes (late fusion)"
+    for row in content["rows"]:
+        assert set(row["ap"]) == {"camera_fov", "full_range"}
+        assert row["bytes_per_frame"] >= 0
+    assert content["meta"]["budget_bytes"] == 1125
+    assert content["meta"]["config"] == "cp_tiny"
+    assert next(row for row in content["rows"] if row["label"] == "100 % lost")["same_as_alone"]
+
+
+def test_a_second_run_only_reads(report):
+    folder, content = report
+    again = json.loads((folder / "bandwidth.json").read_text())
+    assert {**again, "meta": None} == {**content, "meta": None}
+    assert any("1 of 1 frames are done" in log.read_text() for log in folder.glob("*.log"))
+
+
+def test_every_title_names_the_configuration(report):
+    folder, _ = report
+    text = (folder / "report.md").read_text()
+    titles = [line for line in text.splitlines() if line.startswith("#")]
+    assert all("cp_tiny" in line for line in titles if "compared" not in line)
+    assert {file.name for file in folder.iterdir()} >= PLOTS
+    assert not list(folder.glob("*.tmp"))
+
+
+def test_what_makes_no_sense_is_refused(call, trained, tmp_path):
+    ckpt = trained / "ckpt" / "checkpoint_epoch_2.pth"
+    with pytest.raises(ConfigError, match="no roadside"):
+        call(tmp_path, "bandwidth_report", "--ckpt", ckpt, "--combos", "C+none")
+    with pytest.raises(ConfigError, match=r"--studies: expected some of .*, found rain"):
+        call(tmp_path, "bandwidth_report", "--ckpt", ckpt, "--studies", "rain")
