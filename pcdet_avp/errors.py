@@ -46,3 +46,7 @@ class PacketError(AvpError):
 
 class LinkError(AvpError):
     """A link's parameters cannot be, a payload is too large for its blocks, or its clock ran backwards."""
+
+
+class PluginError(AvpError):
+    """A host framework is absent or foreign, or something else has the name that one of our classes needs there."""

@@ -1,0 +1,4 @@
+"""What a foreign framework gets from us: our classes with the few adjustments that its scripts need.
+
+Nothing here imports a host. ``pcdet_avp.plugin`` puts these classes into OpenPCDet's tables.
+"""
