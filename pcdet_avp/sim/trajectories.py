@@ -5,8 +5,11 @@ A trajectory that waits is ``released``: a copy with another start time. Nothing
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import accumulate, pairwise
+from math import atan2, dist
 from typing import Protocol
 
 import numpy as np
@@ -137,23 +140,22 @@ class Waypoints:
     start_s: float = 0.0
 
     @cached_property
-    def _legs(self) -> tuple[np.ndarray, np.ndarray]:
-        """Corners (K, 2) and the distance (K,) from the start to each."""
-        corners = np.array(self.points)
-        return corners, np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(corners, axis=0).T))])
+    def _reached(self) -> tuple[float, ...]:
+        """(K,) distance from the start to every point."""
+        return tuple(accumulate((dist(a, b) for a, b in pairwise(self.points)), initial=0.0))
 
     @property
     def length(self) -> float:
-        return float(self._legs[1][-1])
+        return self._reached[-1]
 
     def at(self, time_s: float) -> Motion:
-        corners, reached = self._legs
         distance = min(max(time_s - self.start_s, 0.0) * self.speed, self.length)
-        leg = min(int(np.searchsorted(reached, distance, side="right")), len(corners) - 1) - 1
-        along = corners[leg + 1] - corners[leg]
-        x, y = corners[leg] + along * (distance - reached[leg]) / (reached[leg + 1] - reached[leg])
+        leg = min(bisect_right(self._reached, distance), len(self.points) - 1) - 1
+        (x0, y0), (x1, y1), begin, end = *self.points[leg : leg + 2], *self._reached[leg : leg + 2]
+        share = (distance - begin) / (end - begin)
         walks = time_s >= self.start_s and distance < self.length
-        return Motion(float(x), float(y), float(np.arctan2(*along[::-1])), self.speed if walks else 0.0, distance)
+        yaw = atan2(y1 - y0, x1 - x0)
+        return Motion(x0 + share * (x1 - x0), y0 + share * (y1 - y0), yaw, self.speed if walks else 0.0, distance)
 
     def released(self, time_s: float) -> Waypoints:
         return replace(self, start_s=time_s)
