@@ -6,18 +6,22 @@ The checkout is copied first; what it needs and this machine lacks is replaced b
 import ast
 import importlib.util
 import json
+import logging
 import os
 import pickle
 import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
 import yaml
 
+from pcdet_avp.config import load_config
+from pcdet_avp.models import build_network
 from pcdet_avp.models.checkpoint_file import read_checkpoint
 
 HERE = Path(__file__).parent
@@ -201,3 +205,74 @@ def test_our_pieces_train_in_the_hosts_pointpillar(host, tiny_data, tmp_path, na
     ours = [key for key in first if key.startswith(("vfe.", "backbone_2d.")) and first[key].is_floating_point()]
     assert any(key.startswith(("backbone_2d.attention.", "backbone_2d.codec.")) for key in ours)
     assert [key for key in ours if torch.equal(first[key], second[key])] == []
+
+
+HOST_SIDE = """
+import numpy as np, torch
+from types import SimpleNamespace
+from torch import nn
+import os
+os.chdir(tools)
+from pcdet.config import cfg, cfg_from_yaml_file
+from pcdet.models import build_network
+cfg_from_yaml_file("cfgs/kitti_models/pointpillar.yaml", cfg)
+low, high = np.float32(cfg.DATA_CONFIG.POINT_CLOUD_RANGE).reshape(2, 3)
+dataset = SimpleNamespace(
+    class_names=cfg.CLASS_NAMES, point_feature_encoder=SimpleNamespace(num_point_features=4),
+    grid_size=np.array([432, 496, 1]), point_cloud_range=np.r_[low, high], voxel_size=[0.16, 0.16, 4],
+    depth_downsample_factor=None,
+)
+torch.manual_seed(0)
+network = build_network(cfg.MODEL, 3, dataset).eval()
+for module in network.modules():
+    if isinstance(module, (nn.BatchNorm1d, nn.BatchNorm2d)):
+        for tensor in (module.weight, module.running_var):
+            nn.init.uniform_(tensor, 0.5, 2.0)
+        for tensor in (module.bias, module.running_mean):
+            nn.init.normal_(tensor, 0.0, 0.3)
+optimizer_state = {"lr": np.float64(0.003)}  # what the host's checkpoints hold since its rates come from np.cos
+state = {"model_state": network.state_dict(), "optimizer_state": optimizer_state, "epoch": 80, "it": 1}
+torch.save(state, folder + "/host.pth", _use_new_zipfile_serialization=False)
+rng = np.random.default_rng(0)
+cells = np.stack(np.unravel_index(rng.choice(376 * 280, 300, replace=False), (376, 280)), 1)  # rows, columns
+counts = rng.integers(1, 33, 300)
+voxels = np.zeros((300, 32, 4), np.float32)
+for i, ((row, column), count) in enumerate(zip(cells, counts)):
+    corner = [column * 0.16 + 0.001, row * 0.16 - 30.08 + 0.001, -1.7, 0]
+    voxels[i, :count] = corner + rng.random((count, 4)) * [0.158, 0.158, 2.5, 1]
+rows_of_kitti = cells[:, 0] + round((39.68 - 30.08) / 0.16)
+coords = np.stack([0 * counts, 0 * counts, rows_of_kitti, cells[:, 1]], 1)
+batch = {"voxels": voxels, "voxel_num_points": counts, "voxel_coords": coords}
+batch = {key: torch.from_numpy(np.float32(value)) for key, value in batch.items()}
+with torch.no_grad():
+    features = network.vfe({**batch, "batch_size": 1})["pillar_features"]
+    canvas = torch.zeros(1, 64, 376, 280)
+    canvas[0, :, cells[:, 0], cells[:, 1]] = features.T
+    maps = network.backbone_2d({"spatial_features": canvas.clone()})["spatial_features_2d"]
+points = np.concatenate([v[:n] for v, n in zip(voxels, counts)])
+np.savez(folder + "/host.npz", points=points, cells=cells, features=features, maps=maps)
+print(json.dumps([len(state["model_state"]), sum(p.numel() for p in network.parameters())]))
+"""
+
+
+def test_a_real_pointpillar_and_ours_with_its_weights_agree(host, tmp_path):
+    """KITTI's PointPillar of the host's own configuration, with random weights and statistics; 300 pillars."""
+    size = run_code(host, HOST_SIDE, tools=host / "tools", folder=tmp_path)
+    assert size == [127, 4_834_888]
+    cfg = load_config(REPOSITORY / "cfgs" / "avp" / "ablations" / "from_openpcdet.yaml")
+    data = cfg.DATA_CONFIG
+    geometry = {"point_cloud_range": data.POINT_CLOUD_RANGE, "voxel_size": data.VOXEL_SIZE}
+    encoding = SimpleNamespace(num_point_features=4)
+    dataset = SimpleNamespace(class_names=cfg.CLASS_NAMES, point_feature_encoder=encoding, **geometry)
+    network = build_network(cfg.MODEL, 2, dataset).eval()
+    network.load_params_from_file(tmp_path / "host.pth", logging.getLogger("host"), to_cpu=True)
+    theirs = np.load(tmp_path / "host.npz")
+    points = torch.from_numpy(theirs["points"]) + torch.tensor([0.0, 0.0, 1.73, 0.0])
+    encoder = network.encoders["ego_lidar"]
+    with torch.no_grad():
+        features, coords = encoder.vfe.encode(torch.cat([torch.zeros(len(points), 1), points], 1), 1)
+        maps = network.backbone_2d.encode(encoder.map_to_bev_module.scatter(features, coords, 1))
+    order = np.lexsort(theirs["cells"].T[::-1])
+    assert coords[:, 2:].tolist() == theirs["cells"][order].tolist()
+    torch.testing.assert_close(features, torch.from_numpy(theirs["features"][order]), atol=1e-4, rtol=1e-4)
+    torch.testing.assert_close(maps, torch.from_numpy(theirs["maps"]), atol=1e-4, rtol=1e-4)

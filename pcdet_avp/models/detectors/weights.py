@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from torch import Tensor, nn
 
 from pcdet_avp.errors import CheckpointError
+from pcdet_avp.models.detectors.openpcdet_weights import is_openpcdet, load_openpcdet
 from pcdet_avp.models.norm import drop_foreign_norms
 
 
@@ -19,7 +20,11 @@ def load_weights(
 
     A tensor of another shape means another configuration and is a CheckpointError. Norm layers trained as another
     kind are left out, and so are names that only one side has; a file that shares no name is a CheckpointError too.
+    A detector of OpenPCDet with pillars has names and shapes of its own: see ``load_openpcdet``.
     """
+    if is_openpcdet(state):
+        load_openpcdet(model, state, path, logger)
+        return
     kept, foreign = drop_foreign_norms(state, model)
     own = model.state_dict()
     usable = {key: value for key, value in kept.items() if key in own}
