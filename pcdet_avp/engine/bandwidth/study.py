@@ -17,6 +17,7 @@ from pcdet_avp.engine.bandwidth.frame_runner import FrameResult, FrameRunner
 from pcdet_avp.engine.bandwidth.parts import Parts
 from pcdet_avp.engine.bandwidth.plan import Point, make_plan, paper_budget_bytes
 from pcdet_avp.engine.distributed import Ranks
+from pcdet_avp.engine.halves import latent_shape
 from pcdet_avp.engine.loader import batches
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.provenance import git_commit
@@ -122,9 +123,3 @@ def precision_of(model: nn.Module) -> str:
     if None in found:
         raise ConfigError("MODEL.COMPRESSION sends maps as they are; there are no bytes to report")
     return found.pop()
-
-
-def latent_shape(model: nn.Module) -> tuple[int, int, int]:
-    """(c, h, w) of a map on the air."""
-    codec, grid = next(iter(model.codec.codecs.values())), model.warp.grid
-    return codec.reduce.out_channels, grid.height // codec.pooling, grid.width // codec.pooling

@@ -1,0 +1,96 @@
+"""The roadside's process: 20 times a second it encodes what the mast's sensors see and sends it over UDP.
+
+    python examples/vehicle.py       --cfg cfgs/avp/cp_small.yaml --ckpt weights/cp_small.pth          first, and in
+    python examples/roadside_unit.py --cfg cfgs/avp/cp_small.yaml --ckpt weights/cp_small.pth          another terminal
+
+The sensors are a recording: the first frames of a data set's split, over and over. The vehicle replays the same ones.
+Where encoding takes longer than a tick, ticks are left out, and the rate that is printed says so.
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import signal
+import socket
+import time
+from pathlib import Path
+
+from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
+from pcdet_avp.datasets import build_dataset
+from pcdet_avp.datasets.avp.collate import collate, load_batch
+from pcdet_avp.datasets.avp.prepare import prepare
+from pcdet_avp.engine import distributed
+from pcdet_avp.engine.halves import RoadsideHalf
+from pcdet_avp.engine.testing import load_network
+from pcdet_avp.errors import ConfigError
+from pcdet_avp.link import NrV2xConfig
+from pcdet_avp.structures.pose import Pose
+from pcdet_avp.structures.sensor_set import SensorSet
+
+SENSORS = SensorSet(False, False, True, True)
+
+
+def parse_arguments() -> argparse.Namespace:
+    parser = config_parser("Encode and send roadside maps.")
+    parser.add_argument("--ckpt", type=Path, required=True, help="checkpoint")
+    parser.add_argument("--to", default="127.0.0.1:47020", metavar="HOST:PORT", help="where the vehicle listens")
+    parser.add_argument("--seconds", type=float, default=10.0, help="how long to send")
+    parser.add_argument("--rate", type=float, default=20.0, help="maps of each modality a second (default: 20)")
+    parser.add_argument("--split", default="test")
+    parser.add_argument("--frames", type=int, default=8, help="length of the recording (default: 8 frames)")
+    parser.add_argument("--budget", type=int, default=72_000, help="bytes a map may take (default: 72000)")
+    return parser.parse_args()
+
+
+def address(text: str) -> tuple[str, int]:
+    """``"127.0.0.1:47020"`` as a pair."""
+    host, _, port = text.rpartition(":")
+    if not host or not port.isdigit() or not 0 < int(port) < 1 << 16:
+        raise ConfigError(f"expected HOST:PORT, found {text!r}")
+    return host, int(port)
+
+
+def recording(dataset, frames: int, device) -> list[tuple[dict, Pose]]:
+    """(batch of one, pose of the mast) of the first frames of a split."""
+    if frames < 1:
+        raise ConfigError(f"--frames: expected 1 or more, found {frames}")
+    read = [dataset.read(index, SENSORS) for index in range(min(frames, len(dataset)))]
+    return [
+        (load_batch(collate([prepare(f, SENSORS, dataset.prepare_config)]), device), f.infra.world_from_agent)
+        for f in read
+    ]
+
+
+def send(half: RoadsideHalf, frames: list[tuple[dict, Pose]], args: argparse.Namespace) -> None:
+    """One map of each modality a tick. A frame's number is that of its tick since 1970, so that it never falls back."""
+    receiver, ticks, total, first_s = address(args.to), 0, 0, time.time()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        while (now_s := time.time()) < first_s + args.seconds:
+            tick = int(now_s * args.rate)
+            batch_dict, pose = frames[tick % len(frames)]
+            for payloads in half.segments(batch_dict, tick % (1 << 32), int(1e6 * now_s), pose).values():
+                for payload in payloads:
+                    total += sender.sendto(payload, receiver)
+            ticks += 1
+            time.sleep(max(0.0, (tick + 1) / args.rate - time.time()))
+    seconds = time.time() - first_s
+    print(f"sent {ticks} frames in {seconds:.1f} s: {ticks / seconds:.1f} Hz, {8e-6 * total / seconds:.2f} Mbit/s")
+
+
+def main() -> None:
+    args = parse_arguments()
+    address(args.to)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    cfg, ranks = load_arguments_config(args), distributed.start(device="cpu")
+    dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split=args.split)
+    model, _ = load_network(cfg, args.ckpt, dataset, ranks, logging.getLogger("roadside"))
+    half = RoadsideHalf(model, NrV2xConfig().max_segment_bytes, args.budget)
+    frames = recording(dataset, args.frames, ranks.device)
+    half.segments(frames[0][0], 0, 0, frames[0][1])  # the first call compiles
+    print(f"sending {len(frames)} frames of {args.split} to {args.to} for {args.seconds:g} s", flush=True)
+    send(half, frames, args)
+
+
+if __name__ == "__main__":
+    run_tool(main)

@@ -1,0 +1,162 @@
+"""The vehicle's process: it decodes what arrives over UDP, fuses it with its own sensors, prints rate, loss and age.
+
+    python examples/vehicle.py       --cfg cfgs/avp/cp_small.yaml --ckpt weights/cp_small.pth          first, and in
+    python examples/roadside_unit.py --cfg cfgs/avp/cp_small.yaml --ckpt weights/cp_small.pth          another terminal
+
+``--drop 0.1`` throws away a tenth of the segments, as a bad radio would. The vehicle's own sensors are the recording
+that the roadside replays, too; both clocks must agree, as on one machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import select
+import signal
+import socket
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from roadside_unit import address
+
+from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
+from pcdet_avp.datasets import build_dataset
+from pcdet_avp.datasets.avp.collate import load_batch
+from pcdet_avp.engine import distributed
+from pcdet_avp.engine.halves import VehicleHalf
+from pcdet_avp.engine.testing import load_network
+from pcdet_avp.errors import ConfigError, LinkError
+from pcdet_avp.link import LatentMap, Receiver
+from pcdet_avp.link.header import MODALITIES
+from pcdet_avp.structures.pose import Pose
+from pcdet_avp.structures.sensor_set import SensorSet
+
+LARGEST_DATAGRAM = 65_535
+MAX_AGE_US = 500_000
+TICK_S, PAUSE_S = 0.05, 0.005
+
+
+def parse_arguments() -> argparse.Namespace:
+    parser = config_parser("Receive roadside maps and fuse them with the vehicle's own.")
+    parser.add_argument("--ckpt", type=Path, required=True, help="checkpoint")
+    parser.add_argument("--listen", default="127.0.0.1:47020", metavar="HOST:PORT")
+    parser.add_argument("--seconds", type=float, default=10.0, help="how long to drive after the first map")
+    parser.add_argument("--wait", type=float, default=60.0, help="how long to wait for the first map (s)")
+    parser.add_argument("--vehicle", choices=("C", "CL"), default="CL", help="the vehicle's own sensors")
+    parser.add_argument("--drop", type=float, default=0.0, help="share of the segments that is thrown away")
+    parser.add_argument("--split", default="test")
+    parser.add_argument("--frames", type=int, default=8, help="length of the recording, as the roadside's")
+    return parser.parse_args()
+
+
+class Report:
+    """What a vehicle's driver would like to know of the link, once a second."""
+
+    def __init__(self) -> None:
+        self.frames, self.bytes, self.ages_s, self.absent, self.found, self.began_s = 0, 0, [], [], [], time.time()
+
+    def add(self, maps: list[LatentMap], boxes: int) -> None:
+        """A frame was fused from these maps."""
+        self.frames += 1
+        self.ages_s.append(time.time() - 1e-6 * min(known.stamp.time_us for known in maps))
+        self.absent.append(1 - np.mean([known.present.mean() for known in maps]))
+        self.found.append(boxes)
+
+    def line(self) -> str:
+        """Frames fused a second, bits received, cells that did not arrive, age of the maps once the boxes are there."""
+        seconds = time.time() - self.began_s
+        text = f"{self.frames / seconds:5.1f} Hz  {8e-6 * self.bytes / seconds:6.2f} Mbit/s"
+        if not self.frames:
+            return f"{text}  no map to use"
+        loss, age = 100 * np.mean(self.absent), 1e3 * np.mean(self.ages_s)
+        return f"{text}  lost cells {loss:4.1f} %  age {age:4.0f} ms  {np.mean(self.found):5.1f} boxes"
+
+
+def recording(dataset, frames: int, vehicle: str, device) -> list[tuple[dict, Pose]]:
+    """(batch of one, pose of the vehicle) of the first frames of a split."""
+    if frames < 1:
+        raise ConfigError(f"--frames: expected 1 or more, found {frames}")
+    combo = f"{vehicle}+none"
+    return [
+        (
+            load_batch(dataset.collate_batch([dataset[(index, combo)]]), device),
+            dataset.read(index, SensorSet(False, False, False, False)).ego.world_from_agent,
+        )
+        for index in range(min(frames, len(dataset)))
+    ]
+
+
+def segments(receiving: socket.socket) -> Iterator[bytes]:
+    """What arrives within a tick; where something does, also what follows without a pause."""
+    deadline_s, wait_s = time.monotonic() + 2 * TICK_S, TICK_S
+    while select.select([receiving], [], [], wait_s)[0] and time.monotonic() < deadline_s:
+        yield receiving.recv(LARGEST_DATAGRAM)
+        wait_s = PAUSE_S
+
+
+def newest_maps(receiver: Receiver) -> list[LatentMap]:
+    """The newest frame's maps: one that another modality has overtaken is not used."""
+    now_us = int(1e6 * time.time())
+    known = [found for name in MODALITIES if (found := receiver.take(name, now_us)) is not None]
+    return [found for found in known if found.stamp.frame_id == max(k.stamp.frame_id for k in known)]
+
+
+def drive(half: VehicleHalf, frames: list[tuple[dict, Pose]], receiving: socket.socket, args) -> Report:
+    """Fuse and print until the time is over; the report of all of it."""
+    receiver, rng = Receiver(half.shape, MAX_AGE_US), np.random.default_rng(0)
+    wait_until_s, until_s, last_frame = time.monotonic() + args.wait, None, -1
+    whole = second = Report()
+    while time.monotonic() < (until_s or wait_until_s):
+        for payload in segments(receiving):
+            for report in {whole, second}:
+                report.bytes += len(payload)
+            if rng.random() >= args.drop:
+                receiver.push(payload)
+        maps = newest_maps(receiver)
+        if maps and maps[0].stamp.frame_id != last_frame:
+            if until_s is None:
+                until_s, whole, second = time.monotonic() + args.seconds, Report(), Report()
+            last_frame = maps[0].stamp.frame_id
+            batch_dict, world_from_ego = frames[last_frame % len(frames)]
+            boxes = len(half.detect(batch_dict, world_from_ego, maps)["pred_boxes"])
+            whole.add(maps, boxes)
+            second.add(maps, boxes)
+        if until_s is not None and time.time() - second.began_s >= 1.0:
+            print(second.line(), flush=True)
+            second = Report()
+    if until_s is None:
+        raise LinkError(
+            f"{args.listen}: no map within {args.wait:g} s ({_fates(receiver)}); is roadside_unit.py running, with "
+            "this address and configuration?"
+        )
+    print(f"segments: {_fates(receiver)}")
+    return whole
+
+
+def _fates(receiver: Receiver) -> str:
+    return ", ".join(f"{count} {fate}" for fate, count in receiver.counts.items()) or "no segment at all"
+
+
+def main() -> None:
+    args = parse_arguments()
+    if not 0 <= args.drop <= 1:
+        raise ConfigError(f"--drop: expected a share of 0 to 1, found {args.drop}")
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    cfg, ranks = load_arguments_config(args), distributed.start(device="cpu")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiving:
+        try:
+            receiving.bind(address(args.listen))
+        except OSError as error:
+            raise LinkError(f"--listen {args.listen}: cannot be bound ({error.strerror})") from error
+        dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split=args.split)
+        model, _ = load_network(cfg, args.ckpt, dataset, ranks, logging.getLogger("vehicle"))
+        half, frames = VehicleHalf(model), recording(dataset, args.frames, args.vehicle, ranks.device)
+        half.detect(frames[0][0], frames[0][1], [])  # the first call compiles
+        print(f"listening on {args.listen}", flush=True)
+        print("all: " + drive(half, frames, receiving, args).line().strip())
+
+
+if __name__ == "__main__":
+    run_tool(main)

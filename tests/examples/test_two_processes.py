@@ -1,0 +1,90 @@
+"""examples/: a roadside unit and a vehicle, two processes that share nothing but a UDP port."""
+
+import os
+import re
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+
+from pcdet_avp.config import load_config
+from pcdet_avp.datasets import build_dataset
+from pcdet_avp.engine import checkpoint
+from pcdet_avp.models import build_network
+
+ROOT = Path(__file__).parents[2]
+CFG = ROOT / "cfgs" / "avp" / "cp_tiny.yaml"
+
+
+@pytest.fixture(scope="module")
+def weights(tiny_data, tmp_path_factory):
+    """A checkpoint with random weights."""
+    cfg = load_config(CFG)
+    cfg.DATA_CONFIG.DATA_PATH = str(tiny_data)
+    dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split="test")
+    torch.manual_seed(0)
+    model = build_network(cfg.MODEL, len(cfg.CLASS_NAMES), dataset)
+    path = tmp_path_factory.mktemp("weights") / "random.pth"
+    checkpoint.save(path, {"model_state": model.state_dict()})
+    return path
+
+
+@pytest.fixture
+def start(tiny_data, weights):
+    """``start(role, *arguments)``: one of the two processes."""
+    running = []
+
+    def run(role, *arguments):
+        words = [ROOT / "examples" / f"{role}.py", "--cfg", CFG, "--ckpt", weights, "--frames", 1, *arguments]
+        words = [sys.executable, *words, "--set", "DATA_CONFIG.DATA_PATH", tiny_data]
+        where = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        running.append(subprocess.Popen([str(word) for word in words], env=where, **pipes))
+        return running[-1]
+
+    yield run
+    for process in running:
+        process.kill()
+        process.communicate()
+
+
+def free_port():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def test_the_vehicle_fuses_what_the_roadside_sends(start):
+    place = f"127.0.0.1:{free_port()}"
+    vehicle = start("vehicle", "--listen", place, "--seconds", 2)
+    roadside = start("roadside_unit", "--to", place, "--seconds", 120)
+    printed, errors = vehicle.communicate(timeout=110)
+    assert vehicle.returncode == 0, errors
+    assert int(re.search(r"segments: (\d+) accepted", printed)[1]) >= 2
+    line = r"all: +([\d.]+) Hz +[\d.]+ Mbit/s +lost cells +([\d.]+) % +age +(\d+) ms +[\d.]+ boxes"
+    hz, lost, age_ms = map(float, re.search(line, printed).groups())
+    assert 0 < hz <= 21
+    assert lost < 50  # on a busy machine a map may be used before its last segment is there
+    assert age_ms > 0
+    roadside.terminate()
+    printed, errors = roadside.communicate(timeout=30)
+    assert roadside.returncode == 130, errors
+    assert "Traceback" not in errors
+
+
+def test_what_is_wrong_is_one_line(start):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        place = f"127.0.0.1:{taken.getsockname()[1]}"
+        processes = {
+            "cannot be bound": start("vehicle", "--listen", place),
+            "expected HOST:PORT, found 'here'": start("roadside_unit", "--to", "here"),
+        }
+        for words, process in processes.items():
+            _, errors = process.communicate(timeout=60)
+            assert process.returncode == 2
+            assert words in errors
+            assert len(errors.strip().splitlines()) == 1
