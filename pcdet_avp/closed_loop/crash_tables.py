@@ -1,0 +1,146 @@
+"""The paper's tables III and IV, ours above the paper's, and what a number of crashes alone does not say.
+
+Tables are lines of markdown that also read well as text. ``NOT_RUN`` marks a cell that the sweep has not come to or
+has skipped; it is not the same as no crash.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from pcdet_avp.closed_loop.results import Cell, Results
+from pcdet_avp.closed_loop.safety import Tally, bounded_speed, crash_interval, max_safe_speed
+from pcdet_avp.evaluation.benchmark_table import markdown_table
+from pcdet_avp.evaluation.paper import paper_tables
+from pcdet_avp.structures.sensor_set import SENSOR_SETS
+
+NOT_RUN, NOTHING = "not run", "-"
+SAFE_RATE = 0.15  # 20 trials without a crash bound the rate by 13.9 %
+PAPER_SCENARIOS = {
+    "pedestrian": "pedestrian_crossing",
+    "pedestrian_late": "pedestrian_crossing",
+    "t_junction": "t_junction",
+    "t_junction_wide": "t_junction",
+}
+SENSORLESS = ("oracle", "blind", "always_slow")  # they see the same with any sensors, and the paper has no such rows
+BASELINE = "always_slow"  # a line of every table: a timid car must not win
+
+
+def crash_table(results: Results, scenario: str, perception: str, rate: float = SAFE_RATE) -> list[str]:
+    """Crashes of n for every combination and cruising speed; bold: the highest speed up to which none occurred."""
+    paper = paper_tallies(scenario) if has_paper_rows(scenario, perception) else {}
+    speeds = sorted({*results.speeds(scenario, perception), *(v for row in paper.values() for v in row)})
+    body = []
+    for who, combo in shown_lines(results, scenario, perception):
+        ours = results.tally(scenario, who, combo)
+        bound = _speed(bounded_speed(ours, rate), ours) if ours else NOT_RUN
+        body.append([*_names(who, combo), "ours", *_crash_cells(ours, speeds, NOT_RUN), _max_safe(ours), bound])
+        if combo in paper:
+            theirs = paper[combo]
+            body.append([*_names(who, combo), "paper", *_crash_cells(theirs, speeds, ""), _max_safe(theirs), ""])
+    limits = ["max safe m/s", f"bound < {rate:.0%} up to m/s"]
+    return markdown_table(["vehicle", "roadside", "", *(f"{v:g} m/s" for v in speeds), *limits], body)
+
+
+def side_table(results: Results, scenario: str, perception: str, text: Callable[[Cell], str]) -> list[str]:
+    """A table of the same form whose cells hold ``text`` of what was run."""
+    speeds = results.speeds(scenario, perception)
+    body = []
+    for who, combo in shown_lines(results, scenario, perception):
+        cells = results.row(scenario, who, combo)
+        body.append([*_names(who, combo), *(text(cells[v]) if v in cells else NOT_RUN for v in speeds)])
+    return markdown_table(["vehicle", "roadside", *(f"{v:g} m/s" for v in speeds)], body)
+
+
+def pace_table(results: Results, scenario: str, perception: str) -> list[str]:
+    """How fast the car gets on at its maximum safe speed, and how often it brakes for nothing."""
+    body = []
+    for who, combo in shown_lines(results, scenario, perception):
+        cells, tally = results.row(scenario, who, combo), results.tally(scenario, who, combo)
+        body.append([*_names(who, combo), _max_safe(tally), *_pace(cells.get(max_safe_speed(tally)))])
+    return markdown_table(
+        ["vehicle", "roadside", "max safe m/s", "mean speed there m/s", "false braking there %"], body
+    )
+
+
+def shown_lines(results: Results, scenario: str, perception: str) -> list[tuple[str, str]]:
+    """Perception and combination of every line: all six where they matter, run or not, and the baseline if it was."""
+    found = results.combos(scenario, perception)
+    combos = found if perception in SENSORLESS else [*SENSOR_SETS, *(c for c in found if c not in SENSOR_SETS)]
+    lines = [(perception, combo) for combo in combos]
+    baseline = [(BASELINE, combo) for combo in results.combos(scenario, BASELINE)]
+    return lines + [line for line in baseline if perception != BASELINE]
+
+
+def _pace(cell: Cell | None) -> tuple[str, str]:
+    """Mean speed, and the share of false braking in percent."""
+    if cell is None:
+        return NOTHING, NOTHING
+    means = (cell.measured(column) for column in ("mean_speed", "false_brake_share"))
+    return tuple(f"{factor * mean.mean():.1f}" for mean, factor in zip(means, (1, 100), strict=True))
+
+
+def has_paper_rows(scenario: str, perception: str) -> bool:
+    """Whether the paper's numbers belong beside ours."""
+    return scenario in PAPER_SCENARIOS and perception not in SENSORLESS
+
+
+def paper_tallies(scenario: str) -> dict[str, Tally]:
+    """The paper's crashes of 20 by combination and speed; {} for a scenario that it does not have."""
+    rows = paper_tables()["crashes_of_20"].get(PAPER_SCENARIOS.get(scenario, ""), [])
+    return {
+        f"{row['vehicle']}+{row['infra']}": {float(v): (crashes, 20) for v, crashes in row["crashes"].items()}
+        for row in rows
+    }
+
+
+def gain_lines(results: Results, scenario: str, perception: str) -> list[str]:
+    """What the roadside adds to the maximum safe speed of either vehicle, ours and the paper's, as sentences."""
+    ours = {combo: results.tally(scenario, perception, combo) for combo in SENSOR_SETS}
+    paper = paper_tallies(scenario)
+    lines = []
+    for combo in (c for c in SENSOR_SETS if not c.endswith("+none")):
+        alone = combo.partition("+")[0] + "+none"
+        gains = [_gain(tallies.get(combo, {}), tallies.get(alone, {})) for tallies in (ours, paper)]
+        if gains[0] is not None:
+            beside = "" if gains[1] is None else f" (paper: {gains[1]:+g} m/s)"
+            lines.append(f"- `{combo}` against `{alone}`: {gains[0]:+g} m/s{beside}")
+    return lines
+
+
+def _gain(tally: Tally, alone: Tally) -> float | None:
+    speeds = max_safe_speed(tally), max_safe_speed(alone)
+    return None if None in speeds else speeds[0] - speeds[1]
+
+
+def _names(perception: str, combo: str) -> tuple[str, str]:
+    """The sensors of vehicle and roadside."""
+    if perception == BASELINE:
+        return "always slow", NOTHING
+    vehicle, _, roadside = combo.partition("+")
+    return vehicle, roadside or vehicle  # "any" stands for either's
+
+
+def _crash_cells(tally: Tally, speeds: list[float], missing: str) -> list[str]:
+    best = max_safe_speed(tally)
+    return [_crashes(*tally[v], v == best) if v in tally else missing for v in speeds]
+
+
+def _crashes(crashes: int, trials: int, marked: bool) -> str:
+    """``1/20 [0, 25]``: the count and its 95 % interval in percent."""
+    if not trials:
+        return NOT_RUN
+    low, high = crash_interval(crashes, trials)
+    count = f"**{crashes}/{trials}**" if marked else f"{crashes}/{trials}"
+    return f"{count} [{100 * low:.0f}, {100 * high:.0f}]"
+
+
+def _max_safe(tally: Tally) -> str:
+    return _speed(max_safe_speed(tally), tally) if tally else NOT_RUN
+
+
+def _speed(speed: float | None, tally: Tally) -> str:
+    """A limit that is the fastest speed of all that were run is only a lower bound."""
+    if speed is None:
+        return f"< {min(tally):g}"
+    return f">= {speed:g}" if speed == max(tally) else f"{speed:g}"
