@@ -65,7 +65,7 @@ class VehicleHalf:
             if maps:
                 ego_from_infra = world_from_ego.inverse() @ maps[0].stamp.world_from_agent
                 batch["ego_from_infra"] = like.new_tensor(ego_from_infra.matrix)[None]
-            return self.model.post_processing(self.model.perceive(batch))[0][0]
+            return self.model.post_processing(self.model.fuse_and_detect(batch))[0][0]
 
 
 def _as_latent(known: LatentMap, like: torch.Tensor) -> Latent:

@@ -79,7 +79,7 @@ class _Frame:
     def alone(self, sensors: SensorSet) -> Boxes:
         """From the vehicle's own sensors, as the network runs where there is no roadside."""
         batch = self.with_sources(SensorSet(sensors.ego_camera, sensors.ego_lidar, False, False))
-        return self.post_process(self.model.perceive(self.model.codec.compress(batch)))
+        return self.post_process(self.model.fuse_and_detect(self.model.codec.compress(batch)))
 
     def roadside(self, transmission: Transmission) -> Boxes:
         """What the roadside's maps alone show, in the vehicle's frame."""
@@ -93,7 +93,7 @@ class _Frame:
         key = (sensors, _fingerprint(ego_from_infra), *((s, _fingerprint(*_tensors(x))) for s, x in latents.items()))
         if key not in self._found:
             batch = {**self.with_sources(sensors), "latents": latents, "ego_from_infra": ego_from_infra}
-            self._found[key] = self.post_process(self.model.perceive(batch))
+            self._found[key] = self.post_process(self.model.fuse_and_detect(batch))
         return self._found[key]
 
     def with_sources(self, sensors: SensorSet) -> dict:
