@@ -4,13 +4,13 @@ In a stretch of the road in front of the mast, a walker waits in every second ga
 noticing the ego, and goes into a gap on the other side. The walk is timed so that the walker would be in the middle
 of the ego's lane when the ego's front would arrive there at cruising speed, give or take 0.3 s.
 
-``pedestrian_late`` hides them better: in every bay a van stands on the side that the ego comes from, its end level
-with the road, behind a pillar; the walker comes from close behind the van.
+``pedestrian_late`` hides them better and deeper: every gap lies between a van, on the side that the ego comes from,
+and a low car that the mast looks over; pillars stand on either side of the pair. The van's end stands out into the
+road, and the walker comes from close behind it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
@@ -19,17 +19,18 @@ import numpy as np
 from pcdet_avp.sim.actors import Car, Pedestrian
 from pcdet_avp.sim.cars import draw_car
 from pcdet_avp.sim.episodes import SETTLE_S, Scenario, Threat, start_before
-from pcdet_avp.sim.garage import LANE_WIDTH_M, SLOT_DEPTH_M, GarageLayout, Slot
+from pcdet_avp.sim.garage import LANE_WIDTH_M, GarageLayout, Slot
 from pcdet_avp.sim.layouts import GarageConfig, draw_layout
 from pcdet_avp.sim.lights import Lighting, draw_lighting
 from pcdet_avp.sim.pedestrians import draw_pedestrian
-from pcdet_avp.sim.traffic import SLOT_CLEARANCE_M, draw_parked
+from pcdet_avp.sim.traffic import draw_parked
 from pcdet_avp.sim.trajectories import Standing, Waypoints
 from pcdet_avp.sim.walkers import vehicle_gaps
 from pcdet_avp.structures.ego import EGO_LENGTH_M, EGO_WIDTH_M
 
 WALKING_MPS = {"adult": 1.5, "child": 2.0}  # paper
 GOES_IN_M = 2.3  # how far a walker goes into the gap on the other side
+Parked = dict[Slot, Car]
 STEP_ASIDE_M = 0.3  # what separates a walker who has left the ego's swath from it
 
 
@@ -44,7 +45,7 @@ class CrossingConfig:
     child_share: float = 0.5
     setback_m: tuple[float, float] = (1.8, 2.2)  # how deep inside the gap a walker waits
     spread_s: float = 0.3  # of the arrival in the lane's middle
-    vans_first: bool = False  # pedestrian_late
+    vans_out_m: tuple[float, float] | None = None  # pedestrian_late: vans on the ego's side, so far out into the road
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +65,7 @@ class CrossingPlan:
 
     layout: GarageLayout
     lighting: Lighting
-    parked: Mapping[Slot, Car]
+    parked: Parked
     first_gap_x: float
     crossings: tuple[Crossing, ...]
 
@@ -105,8 +106,8 @@ def draw_plan(cfg: CrossingConfig, seed: int, trial: int) -> CrossingPlan:
     while True:
         layout = draw_layout(rng, cfg.garage)
         parked = draw_parked(rng, layout, cfg.occupancy)
-        if cfg.vans_first:
-            parked = _vans_first(rng, layout, parked)
+        if cfg.vans_out_m:
+            parked = _vans_first(rng, cfg, layout, parked)
         gaps = _used_gaps(cfg, layout, parked)
         crossings = [
             _draw_crossing(rng, cfg, layout, gap, len(parked) + k)
@@ -118,23 +119,23 @@ def draw_plan(cfg: CrossingConfig, seed: int, trial: int) -> CrossingPlan:
             return CrossingPlan(layout, lighting, parked, float(gaps[:, 0].min()), tuple(crossings))
 
 
-def _vans_first(rng: np.random.Generator, layout: GarageLayout, parked: Mapping[Slot, Car]) -> dict[Slot, Car]:
-    """Vans on the ego's side of every gap and low cars beyond it, all level with the road."""
-    bodies = {}
+def _vans_first(rng: np.random.Generator, cfg: CrossingConfig, layout: GarageLayout, parked: Parked) -> Parked:
+    """Vans on the ego's side of every gap, their ends out in the road; low cars beyond it, level with the road."""
+    placed = dict(parked)
     for near, far in layout.neighbours():
-        bodies |= {near: "van", far: "hatchback" if rng.random() < 0.5 else "sedan"}
-    return {slot: _level_with_road(rng, car, slot, bodies.get(slot)) for slot, car in parked.items()}
+        placed[near] = _parked_out(rng, parked[near], near, "van", float(rng.uniform(*cfg.vans_out_m)))
+        placed[far] = _parked_out(rng, parked[far], far, "hatchback" if rng.random() < 0.5 else "sedan", 0.0)
+    return placed
 
 
-def _level_with_road(rng: np.random.Generator, car: Car, slot: Slot, body: str | None) -> Car:
-    """The car's end at the road stands at its slot's; ``body`` (None: any) takes the place of what was drawn."""
-    spec = draw_car(rng, body)
-    inwards = SLOT_CLEARANCE_M / 2 + spec.length / 2 - SLOT_DEPTH_M / 2
-    pose = car.trajectory.at(0.0)
-    return replace(car, spec=spec, trajectory=Standing(pose.x, slot.y + np.sign(slot.y) * inwards, pose.yaw))
+def _parked_out(rng: np.random.Generator, car: Car, slot: Slot, body: str, out_m: float) -> Car:
+    """Another body in the place of ``car``, its end ``out_m`` beyond the slot's end at the road."""
+    spec, pose = draw_car(rng, body), car.trajectory.at(0.0)
+    y = LANE_WIDTH_M - out_m + spec.length / 2
+    return replace(car, spec=spec, trajectory=Standing(pose.x, float(np.sign(slot.y) * y), pose.yaw))
 
 
-def _used_gaps(cfg: CrossingConfig, layout: GarageLayout, parked: Mapping[Slot, Car]) -> np.ndarray:
+def _used_gaps(cfg: CrossingConfig, layout: GarageLayout, parked: Parked) -> np.ndarray:
     """(G, 3) x, y, heading of the mouths of the gaps in the stretch."""
     gaps = vehicle_gaps(layout, parked)
     return gaps[(gaps[:, 0] >= cfg.stretch_x[0]) & (gaps[:, 0] <= cfg.stretch_x[1])]

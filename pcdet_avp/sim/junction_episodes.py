@@ -6,7 +6,7 @@ ego would reach the conflict zone, give or take 0.3 s (``t_junction_wide``: 1 s)
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
@@ -14,16 +14,16 @@ import numpy as np
 from pcdet_avp.sim.actors import Car, floor_box
 from pcdet_avp.sim.cars import SIZES_M, CarSpec, draw_car
 from pcdet_avp.sim.episodes import SETTLE_S, Scenario, Threat, start_before
-from pcdet_avp.sim.garage import LANE_WIDTH_M, SLOT_DEPTH_M, SLOT_WIDTH_M, GarageLayout
+from pcdet_avp.sim.garage import LANE_WIDTH_M, SLOT_DEPTH_M, SLOT_WIDTH_M, GarageLayout, Slot
 from pcdet_avp.sim.junction_map import JunctionMap, conflict_zone
 from pcdet_avp.sim.layouts import GarageConfig, draw_layout
 from pcdet_avp.sim.lights import Lighting, draw_lighting
-from pcdet_avp.sim.traffic import LEFT_TURN_RADIUS_M, draw_parked, exit_left
-from pcdet_avp.sim.trajectories import Motion, Path, Route
+from pcdet_avp.sim.traffic import LEFT_TURN_RADIUS_M, SLOT_CLEARANCE_M, draw_parked, exit_left
+from pcdet_avp.sim.trajectories import Motion, Path, Route, Standing
 from pcdet_avp.structures.boxes import bev_corners
 from pcdet_avp.structures.ego import EGO_LENGTH_M, EGO_WIDTH_M
 
-SAMPLE_M = 0.02  # along a path
+SAMPLE_M = 0.05  # along a path
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,7 @@ class JunctionConfig:
 
     garage: GarageConfig = field(default_factory=GarageConfig)
     occupancy: float = 0.9
+    full_row_m: float = 20.0  # before the junction every slot on the ego's right is taken, the last one by a van
     radius_m: tuple[float, float] = LEFT_TURN_RADIUS_M
     spread_s: float = 0.3  # of the arrival at the ego's swath
 
@@ -57,7 +58,9 @@ def junction_episode(name: str, cfg: JunctionConfig, seed: int, trial: int, crui
     zone_x = plan.junction.zone_x
     start_x = start_before(plan.layout, zone_x[0] - SETTLE_S * cruising, name, cruising)
     start_s = SETTLE_S + plan.late_s - plan.enters_m / cruising
-    other = Car(len(plan.parked), plan.spec, Route(plan.path, cruising, start_s), lamps_on=True)
+    other = Car(
+        1 + max(car.object_id for car in plan.parked), plan.spec, Route(plan.path, cruising, start_s), lamps_on=True
+    )
     return Scenario(
         name=name,
         trial=trial,
@@ -79,7 +82,7 @@ def junction_episode(name: str, cfg: JunctionConfig, seed: int, trial: int, crui
 def draw_plan(cfg: JunctionConfig, seed: int, trial: int) -> JunctionPlan:
     rng = np.random.default_rng(np.random.SeedSequence([seed, trial]))
     layout = draw_layout(rng, cfg.garage)
-    parked = draw_parked(rng, layout, cfg.occupancy)
+    parked = _hiding_row(rng, cfg, layout)
     spec, path = draw_car(rng), exit_left(layout, float(rng.uniform(*cfg.radius_m)))
     junction = junction_map(layout, cfg.radius_m)
     distance, footprints = swept(path, spec.size)
@@ -88,6 +91,18 @@ def draw_plan(cfg: JunctionConfig, seed: int, trial: int) -> JunctionPlan:
     late_s = float(rng.uniform(-cfg.spread_s, cfg.spread_s))
     lighting = draw_lighting(layout.lamps, rng)
     return JunctionPlan(layout, lighting, tuple(parked.values()), spec, path, junction, *map(float, reached), late_s)
+
+
+def _hiding_row(rng: np.random.Generator, cfg: JunctionConfig, layout: GarageLayout) -> dict[Slot, Car]:
+    """Parked cars; the row that hides the side road has no free slot and ends with a van at the corner pillar."""
+    right = [slot for slot in layout.slots if slot.y < 0 and slot.x > layout.junction_x - cfg.full_row_m]
+    corner = max(right, key=lambda slot: slot.x)
+    full = draw_parked(rng, layout, 1.0)
+    keep = {slot: car for slot, car in full.items() if slot in right or rng.random() < cfg.occupancy}
+    van = draw_car(rng, "van")
+    y = -(LANE_WIDTH_M + SLOT_CLEARANCE_M / 2 + van.length / 2)
+    keep[corner] = replace(keep[corner], spec=van, trajectory=Standing(corner.x, y, np.pi / 2))
+    return keep
 
 
 def junction_map(layout: GarageLayout, radius_m: tuple[float, float]) -> JunctionMap:
