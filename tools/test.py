@@ -8,6 +8,7 @@ python tools/test.py --cfg cfgs/avp/cp_small.yaml --eval_all          every chec
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from pathlib import Path
 
@@ -34,6 +35,8 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--extra_tag", default="default", help="name of the run (default: default)")
     parser.add_argument("--eval_tag", help="name of this evaluation (default: default, or wire)")
     parser.add_argument("--eval_all", action="store_true", help="test every checkpoint, curves in TensorBoard")
+    parser.add_argument("--start_epoch", type=int, default=0, help="with --eval_all: leave out those before this epoch")
+    parser.add_argument("--save_to_file", action="store_true", help="the detections of every frame as text, too")
     parser.add_argument("--ckpt_dir", type=Path, help="folder for --eval_all (default: the run's)")
     parser.add_argument("--launcher", choices=distributed.LAUNCHERS, default="none", help="pytorch: under torchrun")
     parser.add_argument("--device", choices=("cpu", "cuda"), help="default: a GPU where there is one")
@@ -64,14 +67,22 @@ def _checkpoints(args: argparse.Namespace, folder: RunFolder) -> list[Path]:
     found = newest_first(where)
     if not found:
         raise ConfigError(f"{where}: no checkpoint there; name one with --ckpt, or train with tools/train.py")
-    return [path for path in reversed(found) if path.name != LATEST] if args.eval_all else found[:1]
+    if not args.eval_all:
+        return found[:1]
+    return [path for path in reversed(found) if path.name != LATEST and epoch_of(path) >= args.start_epoch]
+
+
+def epoch_of(path: Path) -> int:
+    """The number that ends the name of a checkpoint (``checkpoint_epoch_12.pth``); a nameless one counts as last."""
+    number = path.stem.rpartition("_")[2]
+    return int(number) if number.isdecimal() else sys.maxsize
 
 
 def _report(result: TestResult, path: Path, folder: RunFolder, args: argparse.Namespace) -> None:
     where = (
         folder.evaluation / path.stem / result.meta["split"] / (args.eval_tag or ("wire" if args.wire else "default"))
     )
-    result.write(where, args.json)
+    result.write(where, args.json, args.save_to_file)
     if args.eval_all:
         write_scalars(folder.evaluation / "tensorboard", as_scalars(result.rows), result.meta["iterations"] or 0)
     print(f"\n{result.tables}\n\nwritten to {where}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,8 @@ from pcdet_avp.engine.evaluate import benchmark, detect, driving_thresholds
 from pcdet_avp.engine.outputs import write_json, write_text
 from pcdet_avp.engine.wire import Wire
 from pcdet_avp.evaluation.benchmark_table import render
+from pcdet_avp.evaluation.detections_file import write_detections, write_texts
+from pcdet_avp.evaluation.inputs import Detections
 from pcdet_avp.models import build_network
 from pcdet_avp.models.checkpoint_file import read_checkpoint
 from pcdet_avp.provenance import provenance
@@ -27,11 +29,12 @@ THRESHOLDS_KEY = "score_thresholds"  # of a checkpoint: class -> score, for driv
 
 @dataclass(frozen=True)
 class TestResult:
-    """Rows of the benchmark table, where they come from, and the full text per combination."""
+    """Rows of the benchmark table, where they come from; by combination, the full text and what was detected."""
 
     meta: dict[str, Any]
     rows: list[dict]
     texts: dict[str, str]
+    detections: dict[str, list[Detections]] = field(default_factory=dict)
 
     @property
     def tables(self) -> str:
@@ -39,14 +42,21 @@ class TestResult:
         regions = list(dict.fromkeys(row["region"] for row in self.rows))
         return "\n\n".join(render(self.rows, self.meta["config"], region) for region in regions)
 
-    def write(self, folder: Path, json_file: Path | None = None) -> None:
-        """``result.json``, ``table.md`` and the details into a folder; the JSON also to a file of its own."""
+    def write(self, folder: Path, json_file: Path | None = None, save_to_file: bool = False) -> None:
+        """``result.json``, ``table.md``, details and detections into a folder; the JSON also to a file of its own.
+
+        ``save_to_file``: the detections of every frame as text, too, in ``final_result/<combination>/``.
+        """
         content = {"meta": self.meta, "rows": self.rows}
         for file in filter(None, (folder / "result.json", json_file)):
             write_json(file, content)
         write_text(folder / "table.md", self.tables + "\n")
         details = [f"## {combo}\n\n```\n{text}\n```\n" for combo, text in self.texts.items()]
         write_text(folder / "details.md", "\n".join(details))
+        for combo, detections in self.detections.items():
+            write_detections(folder / "detections" / f"{combo}.npz", detections)
+            if save_to_file:
+                write_texts(folder / "final_result" / combo, detections)
 
 
 def load_network(
@@ -82,7 +92,7 @@ def run_test(
     seed = content.get("sampler", {}).get("seed")
     weights = checkpoint.weights_hash(content["model_state"])
     meta = provenance(cfg, config_name, seed=seed, weights_hash=weights, started=started)
-    return TestResult(meta | _about(path, content, dataset, wire), rows, texts)
+    return TestResult(meta | _about(path, content, dataset, wire), rows, texts, found.detections)
 
 
 def _about(path: Path, content: Mapping[str, Any], dataset: Any, wire: bool) -> dict[str, Any]:

@@ -1,10 +1,12 @@
 """tools/test.py as a user meets it."""
 
 import json
+from types import SimpleNamespace
 
 import pytest
 
 from pcdet_avp.errors import CheckpointError, ConfigError, SensorError
+from pcdet_avp.evaluation.detections_file import read_detections
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
 
 COLUMNS = {"easy", "hard", "overall"}
@@ -51,6 +53,27 @@ def test_some_combinations_on_another_split_print_their_rows(call, trained, caps
     printed = capsys.readouterr().out
     assert printed.count("| ours ") == printed.count("| paper ") == 4
     assert (trained / "eval" / "checkpoint_epoch_2" / "val" / "default" / "result.json").exists()
+
+
+def test_detections_are_kept_as_arrays_and_as_texts(call, trained, tmp_path):
+    """The arrays are OpenPCDet's result.pkl without pickle; --save_to_file adds a text per frame."""
+    ckpt = trained / "ckpt" / "checkpoint_epoch_2.pth"
+    call(tmp_path, "test", "--ckpt", ckpt, "--combos", "C+none,CL+CL", "--save_to_file", "--eval_tag", "kept")
+    folder = tmp_path / "output" / "avp" / "cp_tiny" / "default" / "eval" / ckpt.stem / "test" / "kept"
+    for combo in ("C+none", "CL+CL"):
+        kept = read_detections(folder / "detections" / f"{combo}.npz")
+        texts = sorted((folder / "final_result" / combo).glob("*.txt"))
+        assert [len(text.read_text().splitlines()) for text in texts] == [len(d.boxes) for d in kept]
+        assert len(kept) == 1
+        assert kept[0].boxes.size
+
+
+def test_early_checkpoints_can_be_left_out(load_tool, trained):
+    tool = load_tool("test")
+    args = SimpleNamespace(ckpt=None, ckpt_dir=trained / "ckpt", eval_all=True, start_epoch=2)
+    assert [path.name for path in tool._checkpoints(args, None)] == ["checkpoint_epoch_2.pth"]
+    args.start_epoch = 0
+    assert len(tool._checkpoints(args, None)) == 2
 
 
 def test_every_checkpoint_of_a_run_gives_a_curve(call, trained):

@@ -18,6 +18,7 @@ from pcdet_avp.datasets.avp.prepare import prepare
 from pcdet_avp.datasets.avp.record import read_frame
 from pcdet_avp.errors import ConfigError, RecordError
 from pcdet_avp.evaluation import Detections, GroundTruth, Region, evaluate
+from pcdet_avp.evaluation.detections_file import write_texts
 from pcdet_avp.registry import DATASETS
 from pcdet_avp.structures.frame import Frame
 from pcdet_avp.structures.sensor_set import SOURCES, SensorSet
@@ -131,7 +132,7 @@ class AvpDataset(torch.utils.data.Dataset):
             annotation = {"frame_id": str(frame_id), "name": names, "score": scores, "boxes_lidar": boxes}
             annotations.append(annotation | {"pred_labels": labels})
             if output_path is not None:
-                _write_text(Path(output_path), annotation)
+                write_texts(Path(output_path), [Detections.from_annotation(annotation)])
         return annotations
 
     def evaluation(
@@ -165,14 +166,3 @@ class AvpDataset(torch.utils.data.Dataset):
             return [Region.full_range(grid)]
         hfov = 2 * np.arctan(camera.width / 2 / camera.fx)
         return [Region.camera_fov(float(camera.agent_from_camera.translation[0]), hfov, grid), Region.full_range(grid)]
-
-
-def _write_text(folder: Path, annotation: Mapping) -> None:
-    """``folder/scene_frame.txt``: class, score, then x y z dx dy dz heading (metres, radians)."""
-    file = folder / f"{annotation['frame_id'].replace('/', '_')}.txt"
-    rows = zip(annotation["name"], annotation["score"], annotation["boxes_lidar"], strict=True)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        file.write_text("".join(f"{n} {s:.4f} {' '.join(f'{v:.4f}' for v in box)}\n" for n, s, box in rows))
-    except OSError as error:
-        raise RecordError(f"{file}: cannot be written ({error.strerror})") from error
