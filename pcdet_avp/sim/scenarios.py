@@ -75,7 +75,10 @@ class TrainingScene:
 
     def seek(self, frame: int) -> World:
         """The world as it stands at a frame."""
-        time_s = float(self.frame_times_s[frame])
+        return self.seek_time(float(self.frame_times_s[frame]))
+
+    def seek_time(self, time_s: float) -> World:
+        """The world as it stands at a time (s), from the first frame on."""
         motion = self.ego.at(time_s)
         self.world.advance_to(time_s)
         self.world.set_ego(motion.x, motion.y, motion.yaw)

@@ -1,0 +1,230 @@
+"""AP against the age of the roadside's maps: its sensors are rendered again, some time before those of the vehicle.
+
+    python benchmarks/delay.py --cfg cfgs/avp/cp_small.yaml --ckpt F [--every 2] [--delays 0,50,100,150,200]
+
+The frames of a data set are half a second or more apart, so each scene is drawn again from the seed in the data set's
+manifest and the mast captures it at the frame's time less the delay (the vehicle itself was elsewhere then, too). The
+maps travel as bytes; the vehicle places them with its present pose, the mast stands still. Without delay the capture
+is the recorded one, bit for bit, or the script stops. Frames at a scene's very beginning have no past and are left out.
+Writes delay.json, delay.md and a plot; the same command goes on where it stopped.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+from argparse import Namespace
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import torch
+from tqdm import tqdm
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+
+from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
+from pcdet_avp.datasets import build_dataset
+from pcdet_avp.datasets.avp.collate import collate, load_batch
+from pcdet_avp.datasets.avp.manifest import read_manifest
+from pcdet_avp.datasets.avp.prepare import prepare
+from pcdet_avp.engine import checkpoint, distributed
+from pcdet_avp.engine.bandwidth.frame_runner import FrameResult
+from pcdet_avp.engine.bandwidth.late_fusion import Boxes
+from pcdet_avp.engine.bandwidth.parts import Parts
+from pcdet_avp.engine.bandwidth.rows import Judge
+from pcdet_avp.engine.bandwidth.study import choose_frames
+from pcdet_avp.engine.evaluate import parse_combos
+from pcdet_avp.engine.halves import RoadsideHalf, VehicleHalf
+from pcdet_avp.engine.outputs import RunFolder, open_log, write_json, write_text
+from pcdet_avp.engine.testing import load_network
+from pcdet_avp.errors import ConfigError
+from pcdet_avp.evaluation.average_precision import LOOSE_IOU, STRICT_IOU
+from pcdet_avp.evaluation.benchmark_table import markdown_table
+from pcdet_avp.generate import scene_config
+from pcdet_avp.link import NrV2xConfig, decode
+from pcdet_avp.provenance import provenance
+from pcdet_avp.sim.rig import Rig, capture
+from pcdet_avp.sim.scenarios import TrainingScene, draw_training_scene
+from pcdet_avp.structures.frame import Frame
+from pcdet_avp.structures.sensor_set import SensorSet
+
+INFRA = ("infra_camera", "infra_lidar")
+ROADSIDE = SensorSet(False, False, True, True)
+NO_BUDGET = 1 << 30
+
+
+class Past:
+    """The mast's view of a data set's frames at earlier times."""
+
+    def __init__(self, root: Path) -> None:
+        self.manifest, self._scene = read_manifest(root), (None, None)
+        if self.manifest.seed is None or not self.manifest.generator:
+            raise ConfigError(f"{root}: this data set was not made by the simulator, its past cannot be rendered")
+        self.rig = Rig.from_config(self.manifest.generator["SENSORS"])
+        self.numbers = {scene.name: number for number, scene in enumerate(self.manifest.scenes)}
+
+    def infra(self, recorded: Frame, delay_s: float) -> Frame:
+        """The recorded frame with what the mast saw ``delay_s`` before it."""
+        name, _, frame = recorded.frame_id.partition("/")
+        number, key = self.numbers[name], (self.manifest.seed, self.numbers[name], int(frame))
+        world = self._drawn(number).seek_time(recorded.time_s - delay_s)
+        return replace(recorded, infra=capture(world, self.rig, key, recorded.frame_id, sources=INFRA).infra)
+
+    def _drawn(self, number: int) -> TrainingScene:
+        if self._scene[0] != number:
+            rng = np.random.default_rng(np.random.SeedSequence([self.manifest.seed, number]))
+            self._scene = number, draw_training_scene(rng, scene_config(self.manifest.generator["GENERATE"]))
+        return self._scene[1]
+
+
+def parse_arguments() -> Namespace:
+    parser = config_parser("AP against the age of the roadside's maps.")
+    parser.add_argument("--ckpt", type=Path, required=True)
+    parser.add_argument("--split", default="test")
+    parser.add_argument("--every", type=int, default=1, metavar="N", help="every N-th frame of each scene")
+    parser.add_argument("--frames", type=int, metavar="N", help="only the first N of those")
+    parser.add_argument("--combos", default="C+CL,CL+CL")
+    parser.add_argument("--delays", default="0,50,100,150,200", help="milliseconds, in order")
+    parser.add_argument("--out", type=Path)
+    args = parser.parse_args()
+    try:
+        args.delays_ms = [float(word) for word in args.delays.split(",")]
+    except ValueError:
+        raise ConfigError(f"--delays: expected milliseconds between commas, found {args.delays!r}") from None
+    if args.delays_ms[0] != 0 or min(args.delays_ms) < 0:
+        raise ConfigError(f"--delays: expected 0 first and nothing below, found {args.delays!r}")
+    return args
+
+
+def check_recorded(ours: Frame, recorded: Frame) -> None:
+    """The data set's own frame must come out again, or the delays would be measured in another garage."""
+    if not np.array_equal(ours.infra.points, recorded.infra.points) or not np.array_equal(
+        ours.infra.image, recorded.infra.image
+    ):
+        raise ConfigError(f"frame {recorded.frame_id}: rendered again, it differs from the record; made elsewhere?")
+
+
+class Network:
+    """Both halves of the network, and what lies between them."""
+
+    def __init__(self, model, dataset, device) -> None:
+        self.roadside = RoadsideHalf(model, NrV2xConfig().max_segment_bytes, NO_BUDGET)
+        self.vehicle, self.dataset, self.device = VehicleHalf(model), dataset, device
+
+    def maps(self, seen: Frame) -> list:
+        """What arrives of the mast's view."""
+        batch = self._batch(prepare(seen, ROADSIDE, self.dataset.prepare_config))
+        segments = self.roadside.segments(batch, 0, 0, seen.infra.world_from_agent)
+        return [decode(payloads) for payloads in segments.values()]
+
+    def found(self, index: int, combo: str, recorded: Frame, maps: list) -> Boxes:
+        """What the vehicle finds with maps of the sensors in ``combo``."""
+        used = {name for name in ("camera", "lidar") if getattr(SensorSet.parse(combo), f"infra_{name}")}
+        batch = self._batch(self.dataset[(index, combo.split("+")[0] + "+none")])
+        chosen = [known for known in maps if known.stamp.modality in used]
+        found = self.vehicle.detect(batch, recorded.ego.world_from_agent, chosen)
+        return Boxes(found["pred_boxes"], found["pred_scores"], found["pred_labels"])
+
+    def _batch(self, sample: dict) -> dict:
+        return load_batch(collate([sample]), self.device)
+
+
+def label(delay_ms: float) -> str:
+    return f"{delay_ms:g} ms"
+
+
+def results(args, network: Network, past: Past, parts: Parts, chosen: list[int]) -> Iterator[FrameResult]:
+    """One frame after the other, from disk where it is there already."""
+    combos = parse_combos(args.combos)
+    nothing = Boxes(torch.zeros(0, 7), torch.zeros(0), torch.zeros(0, dtype=torch.int64))
+    for index in tqdm(chosen, unit="frame", desc=f"{len(args.delays_ms)} delays"):
+        frame_id = network.dataset.frame_ids[index]
+        if parts.load(frame_id) is None:
+            recorded, found = network.dataset.read(index, ROADSIDE), {}
+            for delay_ms in args.delays_ms:
+                seen = past.infra(recorded, 1e-3 * delay_ms)
+                if delay_ms == 0:
+                    check_recorded(seen, recorded)
+                maps = network.maps(seen)
+                found |= {(c, label(delay_ms)): network.found(index, c, recorded, maps) for c in combos}
+            parts.save(frame_id, FrameResult(found, nothing))
+        yield parts.load(frame_id)
+
+
+def rows_of(args, judge: Judge, found: list[FrameResult]) -> list[dict]:
+    """AP of every combination and delay, and the loss against no delay."""
+    rows = []
+    for combo in parse_combos(args.combos):
+        fresh = judge.detections([r.found[combo, label(0)] for r in found])
+        for delay_ms in args.delays_ms:
+            late = judge.detections([r.found[combo, label(delay_ms)] for r in found])
+            gains = {name: judge.gain(name, fresh, late) if delay_ms else None for name in judge.class_names}
+            rows.append({"combo": combo, "delay_ms": delay_ms, "ap": judge.average_precision(late), "gain": gains})
+    return rows
+
+
+def table(rows: list[dict], title: str) -> str:
+    """Markdown; first region, all difficulties."""
+    body = []
+    for row in rows:
+        cells = next(iter(row["ap"].values()))
+        texts = []
+        for name, gain in row["gain"].items():
+            strict, loose = (cells[name]["overall"][f"{o:g}"] for o in (STRICT_IOU[name], LOOSE_IOU))
+            text = "-" if strict is None else f"{strict:.1f}/{loose:.1f}"
+            texts.append(text + (f" ({gain['points']:+.1f} [{gain['low']:+.1f}, {gain['high']:+.1f}])" if gain else ""))
+        body.append([row["combo"], label(row["delay_ms"]), *texts])
+    return "\n".join([title, "", *markdown_table(["", "delay", *(f"{n} AP" for n in rows[0]["gain"])], body)])
+
+
+def plot(rows: list[dict], config: str, file: Path) -> None:
+    figure, ax = plt.subplots(figsize=(6.4, 3.8))
+    for combo, line in zip(dict.fromkeys(row["combo"] for row in rows), ("-", "--", "-.", ":"), strict=False):
+        for name, colour in (("Car", "#1b6ca8"), ("Pedestrian", "#c0392b")):
+            mine = [row for row in rows if row["combo"] == combo]
+            ap = [next(iter(row["ap"].values()))[name]["overall"][f"{STRICT_IOU[name]:g}"] for row in mine]
+            points = [(row["delay_ms"], value) for row, value in zip(mine, ap, strict=True) if value is not None]
+            if points:
+                ax.plot(*zip(*points, strict=True), line, color=colour, marker="o", ms=4, label=f"{name}, {combo}")
+    ax.set(
+        title=f"{config}: AP against the age of the roadside's maps", xlabel="delay (ms)", ylabel="3D AP (%), strict"
+    )
+    ax.legend(fontsize=8, handlelength=4)
+    ax.grid(alpha=0.3)
+    figure.savefig(file, dpi=120, bbox_inches="tight")
+    plt.close(figure)
+
+
+def main() -> None:
+    args = parse_arguments()
+    cfg, ranks, name = load_arguments_config(args), distributed.start(device="cpu"), Path(args.cfg).stem
+    out = args.out or RunFolder.of(args.cfg).root / "delay"
+    out.mkdir(parents=True, exist_ok=True)
+    logger = open_log(out, "delay")
+    dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split=args.split, logger=logger)
+    model, content = load_network(cfg, args.ckpt, dataset, ranks, logger)
+    weights = checkpoint.weights_hash(content["model_state"])
+    truths, longest_s = dataset.ground_truths(), 1e-3 * max(args.delays_ms)
+    began = [i for i in range(len(dataset)) if dataset.read(i, SensorSet(*[False] * 4)).time_s >= longest_s]
+    chosen = [began[i] for i in choose_frames([dataset.frame_ids[i] for i in began], args.every, args.frames)]
+    key = hashlib.sha256(repr((weights, args.combos, args.delays_ms)).encode()).hexdigest()[:8]
+    parts = Parts(out / f"frames_{key}", parse_combos(args.combos), [label(d) for d in args.delays_ms])
+    network = Network(model, dataset, ranks.device)
+    found = list(results(args, network, Past(dataset.root_path), parts, chosen))
+    judge = Judge([truths[i] for i in chosen], dataset.regions(), dataset.class_names, seed=0)
+    rows = rows_of(args, judge, found)
+    meta = provenance(cfg, name, seed=0, weights_hash=weights) | {"checkpoint": args.ckpt.name, "frames": len(chosen)}
+    title = f"Delay of the roadside's maps, {name}, {args.ckpt.name}, {len(chosen)} frames of {args.split}"
+    plot(rows, name, out / "delay.png")
+    write_json(out / "delay.json", {"meta": meta, "rows": rows})
+    write_text(out / "delay.md", table(rows, title) + "\n")
+    print(f"\n{table(rows, title)}\n\nwritten to {out}")
+
+
+if __name__ == "__main__":
+    logging.getLogger().setLevel(logging.WARNING)
+    run_tool(main)
