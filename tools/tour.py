@@ -72,7 +72,8 @@ def steps(out: Path, weights: Path, minutes: float, episodes: int) -> list[Step]
             "What is detected, with and without the roadside",
             "AP of cp_small on the test split of these garages, beside the paper's. Every roadside map went through "
             "bytes. The paper's numbers come from another simulator and a far larger network.",
-            ["tools/test.py", *cfg, *ckpt, "--wire", "--json", str(out / f"{out}/benchmark.json"), *data],
+            ["tools/test.py", *cfg, *ckpt, "--wire", "--extra_tag", "tour", "--eval_tag", "tour"]
+            + ["--json", str(out / "benchmark.json"), *data],
             tables=[f"{ROOT}/output/avp/cp_small/tour/eval/*/test/tour/table.md"],
             links=[f"{out}/benchmark.json"],
         ),
