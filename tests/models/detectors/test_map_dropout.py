@@ -37,7 +37,9 @@ def test_what_is_lost_depends_on_step_and_frame_only():
 
 def latents(samples, cells=(4, 2 * SEGMENTS)):
     values = torch.ones(samples, 3, *cells)
-    return {s: Latent(values, torch.ones(samples, 1, *cells, dtype=torch.bool)) for s in ("infra_camera", "infra_lidar")}
+    return {
+        s: Latent(values, torch.ones(samples, 1, *cells, dtype=torch.bool)) for s in ("infra_camera", "infra_lidar")
+    }
 
 
 def test_segments_are_lost_whole_in_raster_order_with_their_values():
