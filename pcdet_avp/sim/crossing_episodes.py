@@ -31,6 +31,7 @@ from pcdet_avp.structures.ego import EGO_LENGTH_M, EGO_WIDTH_M
 WALKING_MPS = {"adult": 1.5, "child": 2.0}  # paper
 GOES_IN_M = 2.3  # how far a walker goes into the gap on the other side
 Parked = dict[Slot, Car]
+CLOSE_BEHIND_M = 0.4  # of a late walker's middle from the van's flank
 STEP_ASIDE_M = 0.3  # what separates a walker who has left the ego's swath from it
 
 
@@ -136,8 +137,11 @@ def _parked_out(rng: np.random.Generator, car: Car, slot: Slot, body: str, out_m
 
 
 def _used_gaps(cfg: CrossingConfig, layout: GarageLayout, parked: Parked) -> np.ndarray:
-    """(G, 3) x, y, heading of the mouths of the gaps in the stretch."""
+    """(G, 3) x, y, heading of the places where walkers come out of the gaps in the stretch."""
     gaps = vehicle_gaps(layout, parked)
+    if cfg.vans_out_m:
+        vans = [parked[near] for near, far in layout.neighbours() if near in parked and far in parked]
+        gaps[:, 0] = [van.trajectory.x + van.spec.width / 2 + CLOSE_BEHIND_M for van in vans]
     return gaps[(gaps[:, 0] >= cfg.stretch_x[0]) & (gaps[:, 0] <= cfg.stretch_x[1])]
 
 

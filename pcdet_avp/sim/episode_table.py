@@ -16,7 +16,7 @@ LATE = CrossingConfig(
     garage=GarageConfig(slots_per_bay=(2, 2)),
     occupancy=1.0,
     setback_m=(2.8, 3.2),
-    vans_out_m=(0.25, 0.5),
+    vans_out_m=(0.4, 0.55),
 )
 SCENARIOS: dict[str, Callable[[int, int, float], Scenario]] = {
     "pedestrian": partial(crossing_episode, "pedestrian", CrossingConfig()),

@@ -1,0 +1,166 @@
+"""One tiny scene per outcome, and the loop's timing: lag, holds, sleep, release."""
+
+import numpy as np
+import pytest
+
+from pcdet_avp.closed_loop.episode import EpisodeSettings, run_episode
+from pcdet_avp.closed_loop.oracle import AlwaysSlow, Blind, Oracle
+from pcdet_avp.closed_loop.perceiver import PerceiverSettings
+from pcdet_avp.errors import ConfigError
+from pcdet_avp.sim.dynamics import LongitudinalModel
+from pcdet_avp.structures.sensor_set import SensorSet
+
+COMBO = SensorSet.parse("CL+CL")
+MAP = {"POINT_CLOUD_RANGE": [0.0, -30.08, -0.5, 44.8, 30.08, 3.5], "VOXEL_SIZE": [0.16, 0.16, 4.0]}
+HALF_WALKER, HALF_WIDTH = 0.375 / 2, 0.95
+
+
+def drive(scenario, perceiver, **settings):
+    return run_episode(scenario, perceiver, COMBO, EpisodeSettings(**settings))
+
+
+def oracle():
+    return Oracle(PerceiverSettings(MAP))
+
+
+class TestOutcomes:
+    def test_crash_front(self, scenes):
+        """The bumper, at 5 m/s, meets a walker in the middle of the lane 20 m ahead: 4 s less half a walker."""
+        log = drive(scenes.scene(scenes.crossing_walker(20.0, 4.0)), Blind())
+        assert (log.outcome, log.finished, log.crash_object) == ("front", True, 0)
+        assert log.crash_time_s == pytest.approx((20.0 - HALF_WALKER) / 5.0, abs=1e-6)
+        assert log.impact_speed == pytest.approx(5.0)
+        assert log.mean_speed == pytest.approx(5.0)
+        assert (log.min_distance_m, log.first_detection_m) == (0.0, 0.0)
+
+    def test_crash_side(self, scenes):
+        """A walker reaches the flank when the bumper is 2 m past: a side contact, and the drive goes on."""
+        reach_s = (HALF_WIDTH + HALF_WALKER) / 1.5
+        log = drive(scenes.scene(scenes.crossing_walker(18.0, 4.0 + reach_s)), Blind())
+        assert log.outcome == "side"
+        assert log.crash_time_s == pytest.approx(4.0, abs=1e-6)
+        assert log.positions[-1] > scenes.START_X + 30.0
+
+    def test_stopped_in_time(self, scenes):
+        log = drive(scenes.scene(scenes.crossing_walker(20.0, 4.0)), oracle())
+        assert (log.outcome, log.crash_time_s, log.impact_speed) == ("none", None, 0.0)
+        assert log.finished
+        assert log.min_distance_m > 0.5
+        assert log.speeds.min() < 2.6
+        assert log.false_brake_share == 0.0
+
+    def test_walker_passes_behind(self, scenes):
+        """One second late: the tail has gone 0.2 m before."""
+        log = drive(scenes.scene(scenes.crossing_walker(20.0, 6.0)), Blind())
+        assert (log.outcome, log.finished) == ("none", True)
+        assert 0.0 < log.min_distance_m < 2.0
+
+    def test_a_walker_who_walks_into_a_standing_car_is_not_run_over(self, scenes):
+        standing = scenes.walker([(-0.1, -6.0), (-0.1, 6.0)])
+        log = drive(scenes.scene(standing, cruising=0.05), Blind(), time_limit_s=8.0)
+        assert (log.outcome, log.finished) == ("none", False)
+
+    @pytest.mark.parametrize(("meet_s", "outcome"), [(4.0, "front"), (5.0, "side")])
+    def test_any_contact_with_a_vehicle_ends_the_drive(self, scenes, meet_s, outcome):
+        log = drive(scenes.scene(scenes.crossing_car(20.0, meet_s)), Blind())
+        assert log.outcome == outcome
+        assert log.times[-1] < meet_s
+
+    def test_the_literal_law_never_brakes(self, scenes):
+        log = drive(
+            scenes.scene(scenes.crossing_walker(20.0, 4.0)),
+            oracle(),
+            dynamics=LongitudinalModel(literal_law=True),
+        )
+        assert log.targets.min() < 4.0
+        assert log.accelerations.min() >= 0.0
+        assert log.speeds[-1] > 5.0
+
+
+class TestTiming:
+    AHEAD = np.array([[2.4 + 0.1875 + 2.0, 0.0, 0.9, 0.375, 0.375, 1.8, 0.0]])  # 2 m before the bumper: stop
+
+    @pytest.mark.parametrize("lag", [0, 1, 3])
+    def test_what_is_seen_at_a_tick_takes_effect_exactly_so_many_ticks_later(self, scenes, lag):
+        log = drive(
+            scenes.scene(scenes.bystander()),
+            scenes.Scripted({10: self.AHEAD}),
+            lag_ticks=lag,
+            hold_ticks=0,
+        )
+        assert np.flatnonzero(log.targets < 5.0).tolist() == [10 + lag]
+        assert log.targets[10 + lag] == 0.0
+
+    @pytest.mark.parametrize("hold", [0, 2, 5])
+    def test_a_detection_is_believed_for_so_many_ticks_more(self, scenes, hold):
+        log = drive(scenes.scene(scenes.bystander()), scenes.Scripted({10: self.AHEAD}), hold_ticks=hold)
+        assert np.flatnonzero(log.targets < 5.0).tolist() == list(range(11, 12 + hold))
+
+    def test_a_held_detection_stays_where_it_was_made(self, scenes):
+        """At 5 m/s a walker 9 m ahead is 0.25 m nearer at the next tick: v* = 5 (9 - 3) / 9, then 5 (8.75 - 3) / 9."""
+        seen = {10: scenes.person_at(2.4 + 0.1875 + 9.0, 0.0)}
+        log = drive(scenes.scene(scenes.bystander()), scenes.Scripted(seen), hold_ticks=1)
+        assert log.targets[11:13] == pytest.approx([5 * 6 / 9, 5 * 5.75 / 9])
+
+    def test_detections_that_overlap_the_ego_are_dropped(self, scenes):
+        log = drive(scenes.scene(scenes.bystander()), scenes.Scripted(always=scenes.person_at(2.5, 0.0)))
+        assert log.targets.min() == 5.0
+
+    def test_perception_sleeps_until_the_front_is_near_and_once_everybody_is_clear(self, scenes):
+        """The first gap lies 35.1 m ahead: awake when 20.1 m are driven, after 4.02 s. The walker is clear at 6 s."""
+        eye = scenes.Scripted()
+        away = scenes.walker([(0, 10), (0, 17)], speed=1.0)
+        log = drive(scenes.scene(away, first=35.1, clear_after_m=6.0), eye, keep_perceived=True)
+        assert (eye.asked[0], eye.asked[-1]) == (81, 119)
+        assert [k for k, seen in enumerate(log.perceived) if seen is not None] == eye.asked
+        assert len(log.perceived) == len(log.times)
+
+    @pytest.mark.parametrize("tick_s", [0.05, 0.04, 0.013])
+    def test_walkers_are_released_when_the_front_arrives_whatever_the_tick(self, scenes, tick_s):
+        """Released 10.1 m ahead, at 2.02 s, the walker comes to the flank 4 s later, when the bumper is at 30.1 m."""
+        reach_m = 6.0 - HALF_WIDTH - HALF_WALKER
+        crossing = scenes.walker(
+            [(28.1, -6.0), (28.1, 6.0)],
+            speed=reach_m / 4.0,
+        )
+        log = drive(scenes.scene(crossing, release=10.1), Blind(), tick_s=tick_s)
+        assert log.outcome == "side"
+        assert log.crash_time_s == pytest.approx(6.02, abs=1e-6)
+
+
+class TestGauges:
+    def test_false_braking_is_braking_without_a_cause(self, scenes):
+        far = scenes.bystander()
+        assert drive(scenes.scene(far), AlwaysSlow(), time_limit_s=5.0).false_brake_share == 1.0
+        assert drive(scenes.scene(far), Blind(), time_limit_s=5.0).false_brake_share == 0.0
+
+    def test_always_slow_halves_the_speed(self, scenes):
+        log = drive(scenes.scene(scenes.bystander()), AlwaysSlow())
+        assert log.targets[1:].max() == 2.5
+        assert log.speeds[-1] == pytest.approx(2.5, abs=0.01)
+
+    def test_limits_of_the_dynamics_show_in_the_log(self, scenes):
+        log = drive(scenes.scene(scenes.crossing_walker(12.0, 2.4), cruising=10.0), oracle())
+        assert 0 < log.hardest_deceleration <= 10.5
+        assert log.hardest_jerk <= 20.0 * (1 + 1e-6)
+
+    def test_distance_of_the_first_detection(self, scenes):
+        """A walker who stands in the lane 25 m ahead of the bumper is found at tick 40, after 10 m."""
+        standing = scenes.walker([(25.0, 0.0), (25.0, 1.0)], start_s=99.0)
+        x = 25.0 - 10.0 + 2.4
+        log = drive(scenes.scene(standing), scenes.Scripted({40: scenes.person_at(x, 0.0)}))
+        assert log.first_detection_m == pytest.approx(15.0 - HALF_WALKER)
+
+
+@pytest.mark.parametrize(
+    ("cfg", "named"),
+    [
+        ({"HOLD": 1}, "'HOLD'"),
+        ({"DYNAMICS": {"TAU": 1}}, "'TAU'"),
+        ({"TICK_S": 0}, "TICK_S"),
+        ({"LAG_TICKS": -1}, "LAG"),
+    ],
+)
+def test_wrong_settings_name_the_key(cfg, named):
+    with pytest.raises(ConfigError, match=named):
+        EpisodeSettings.from_config(cfg)

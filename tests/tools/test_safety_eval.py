@@ -1,0 +1,51 @@
+"""The tool as a user meets it: files, tables, and one line for wrong input."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).parents[2]
+
+
+def tool(*arguments):
+    command = [sys.executable, REPOSITORY / "tools" / "safety_eval.py", *arguments]
+    return subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=400, check=False)
+
+
+def test_blind_crashes_in_every_episode_and_the_files_say_where_they_come_from(tmp_path):
+    done = tool(
+        *("--scenario", "t_junction", "--perception", "blind", "--speeds", 8, "--trials", 2, "--workers", 1),
+        *("--out", tmp_path, "--set", "CLOSED_LOOP.DYNAMICS.LAG_S", "0.3"),
+    )
+    assert done.returncode == 0, done.stderr
+    assert "t_junction blind any" in done.stdout
+    assert "2/2" in done.stdout
+    meta = json.loads((tmp_path / "summary.json").read_text())["meta"]
+    assert (meta["config"], meta["seed"], meta["closed_loop"]["DYNAMICS"]["LAG_S"]) == ("cp_full", 0, 0.3)
+    assert "safety_eval.py" in meta["command"]
+    assert sorted(file.name for file in tmp_path.glob("*.csv")) == ["episodes.csv", "wall_times.csv"]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "named"),
+    [
+        (("--speeds", "0"), "more than 0"),
+        (("--scenario", "crosswalk"), "crosswalk"),
+        (("--combos", "C+X"), "C+X"),
+        (("--perception", "radar"), "radar"),
+        (("--perception", "model"), "--ckpt"),
+        (("--perception", "model", "--ckpt", "nowhere.pth"), "nowhere.pth"),
+        (("--set", "CLOSED_LOOP.TAU", "1"), "TAU"),
+        (("--link", "nr_v2x"), "--link"),
+    ],
+)
+def test_wrong_input_is_one_line_and_status_2(wrong, named, tmp_path):
+    done = tool("--scenario", "pedestrian", "--perception", "oracle", "--out", tmp_path / "new", *wrong)
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: ")
+    assert named in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert not (tmp_path / "new").exists()
