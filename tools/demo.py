@@ -2,7 +2,7 @@
 
 python tools/demo.py --cfg cfgs/avp/cp_small.yaml --ckpt weights/cp_small.pth                       a video
 python tools/demo.py --cfg cfgs/avp/cp_small.yaml --ckpt weights/cp_small.pth --frame 0012/003      one picture
-python tools/demo.py --cfg cfgs/avp/cp_small.yaml --ckpt F --data_path CLOUD.bin     a cloud of yours, or a folder of them
+python tools/demo.py --cfg cfgs/avp/cp_small.yaml --ckpt F --data_path CLOUD.bin     a cloud of yours, or a folder
 """
 
 from __future__ import annotations
