@@ -2,6 +2,7 @@
 
 python tools/demo.py --cfg cfgs/avp/cp_small.yaml --ckpt weights/cp_small.pth                       a video
 python tools/demo.py --cfg cfgs/avp/cp_small.yaml --ckpt weights/cp_small.pth --frame 0012/003      one picture
+python tools/demo.py --cfg cfgs/avp/cp_small.yaml --ckpt F --data_path CLOUD.bin     a cloud of yours, or a folder
 """
 
 from __future__ import annotations
@@ -13,20 +14,26 @@ import numpy as np
 from tqdm import tqdm
 
 from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
+from pcdet_avp.config import require
 from pcdet_avp.datasets import build_dataset
+from pcdet_avp.datasets.avp.network_input import NetworkInput
 from pcdet_avp.datasets.avp.splits import SPLITS
 from pcdet_avp.engine import distributed
+from pcdet_avp.engine.cloud_files import cloud_files, cloud_frame, cloud_picture, find_in_cloud
 from pcdet_avp.engine.evaluate import parse_combos
 from pcdet_avp.engine.outputs import RunFolder, open_log
 from pcdet_avp.engine.pictures import detection_picture
 from pcdet_avp.engine.testing import THRESHOLDS_KEY, load_network
 from pcdet_avp.errors import ConfigError
+from pcdet_avp.evaluation.detections_file import write_detections
 from pcdet_avp.visualization.video import write_picture, write_video
 
 
 def parse_arguments() -> argparse.Namespace:
     parser = config_parser("Pictures or a video of what a network finds.")
     parser.add_argument("--ckpt", type=Path, required=True, help="checkpoint")
+    parser.add_argument("--data_path", type=Path, help="a point cloud (.bin, .npy: x, y, z, intensity), or a folder")
+    parser.add_argument("--lidar_height_m", type=float, help="of --data_path, above the floor (default: the vehicle's)")
     parser.add_argument("--frame", metavar="ID", help="one frame (scene/frame) as a picture, instead of a video")
     parser.add_argument("--combos", default="CL+none,CL+CL", help="sensor combinations side by side")
     parser.add_argument("--split", choices=SPLITS, default="test")
@@ -44,6 +51,9 @@ def main() -> None:
     out = args.out or RunFolder.of(args.cfg).root / "demo"
     _make_folder(out)
     logger = open_log(out, "demo")
+    if args.data_path:
+        show_clouds(args, cfg, ranks, out, logger)
+        return
     dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split=args.split)
     model, content = load_network(cfg, args.ckpt, dataset, ranks, logger)
 
@@ -58,6 +68,23 @@ def main() -> None:
         images = (picture(i) for i in tqdm(range(count), unit="frame", desc="drawing"))
         file = write_video(out / f"{args.split}.mp4", images, args.fps)
     print(f"wrote {file}")
+
+
+def show_clouds(args: argparse.Namespace, cfg, ranks: distributed.Ranks, out: Path, logger) -> None:
+    """A picture for each of the user's clouds, and one file with all detections."""
+    data_cfg = require(cfg, "DATA_CONFIG", dict)
+    height = args.lidar_height_m
+    height = require(data_cfg, "SENSORS.EGO.LIDAR.Z_M", (int, float)) if height is None else height
+    network_input, files = NetworkInput.from_config(data_cfg, cfg.CLASS_NAMES), cloud_files(args.data_path)
+    model, content = load_network(cfg, args.ckpt, network_input, ranks, logger)
+    everything = []
+    for file in tqdm(files, unit="cloud", desc="drawing"):
+        frame = cloud_frame(file, height)
+        found = find_in_cloud(model, frame, network_input, ranks.device, content.get(THRESHOLDS_KEY) or {})
+        write_picture(out / f"{file.stem}.png", cloud_picture(frame, found, network_input.prepare_config.grid))
+        everything.append(found)
+    write_detections(out / "detections.npz", everything)
+    print(f"wrote {len(files)} pictures and detections.npz to {out}")
 
 
 def _make_folder(folder: Path) -> None:

@@ -12,10 +12,10 @@ import argparse
 import logging
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
 from pcdet_avp.config import require
+from pcdet_avp.datasets.avp.network_input import NetworkInput
 from pcdet_avp.engine.checkpoint import save
 from pcdet_avp.engine.seed import seed_torch
 from pcdet_avp.engine.training import about
@@ -40,7 +40,8 @@ def main() -> None:
     if not is_openpcdet(state):
         raise CheckpointError(f"{args.ckpt}: expected a detector of OpenPCDet with pillars (vfe.*), found other names")
     seed_torch(args.seed)
-    model = build_network(require(cfg, "MODEL", dict), len(cfg.CLASS_NAMES), geometry(cfg))
+    network_input = NetworkInput.from_config(require(cfg, "DATA_CONFIG", dict), cfg.CLASS_NAMES)
+    model = build_network(require(cfg, "MODEL", dict), len(cfg.CLASS_NAMES), network_input)
     load_openpcdet(model, state, args.ckpt, terminal())
     save(args.out, {"model_state": model.state_dict(), "epoch": 0, "it": 0, **about(cfg, Path(args.cfg).stem)})
     print(f"wrote {args.out}")
@@ -50,18 +51,6 @@ def terminal() -> logging.Logger:
     logger = logging.Logger("import", logging.INFO)
     logger.addHandler(logging.StreamHandler(sys.stdout))
     return logger
-
-
-def geometry(cfg) -> SimpleNamespace:
-    """What a network must know of its data set; no data are needed."""
-    data = cfg.DATA_CONFIG
-    encoding = SimpleNamespace(num_point_features=len(data.POINT_FEATURE_ENCODING.used_feature_list))
-    return SimpleNamespace(
-        class_names=cfg.CLASS_NAMES,
-        point_cloud_range=data.POINT_CLOUD_RANGE,
-        voxel_size=data.VOXEL_SIZE,
-        point_feature_encoder=encoding,
-    )
 
 
 if __name__ == "__main__":

@@ -36,7 +36,7 @@ def detection_picture(
         found = {combo: _find(model, dataset, index, combo, device) for combo in combos}
         model.train(was_training)
     results = {
-        combo: (dataset.read(index, SensorSet.parse(combo)), _above(detections, min_scores or {}))
+        combo: (dataset.read(index, SensorSet.parse(combo)), above_scores(detections, min_scores or {}))
         for combo, detections in found.items()
     }
     return comparison(dataset.read(index, ALL_SENSORS), dataset.prepare_config.grid, results)
@@ -50,6 +50,7 @@ def _find(model: nn.Module, dataset, index: int, combo: str, device: torch.devic
     )
 
 
-def _above(detections: Detections, min_scores: Mapping[str, float]) -> Detections:
+def above_scores(detections: Detections, min_scores: Mapping[str, float]) -> Detections:
+    """Those that score at least what their class needs, ``MIN_SCORE`` where ``min_scores`` does not say."""
     least = np.array([min_scores.get(str(name), MIN_SCORE) for name in detections.names])
     return detections.select(detections.scores >= least)

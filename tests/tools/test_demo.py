@@ -1,10 +1,13 @@
 """tools/demo.py as a user meets it."""
 
 import cv2
+import numpy as np
 import pytest
 
 from pcdet_avp.datasets.avp.manifest import read_manifest
+from pcdet_avp.datasets.avp.record import read_frame
 from pcdet_avp.errors import ConfigError
+from pcdet_avp.evaluation.detections_file import read_detections
 
 
 @pytest.fixture
@@ -37,3 +40,22 @@ def test_a_split_as_a_video(demo, tmp_path):
 def test_an_unknown_frame_is_named(demo):
     with pytest.raises(ConfigError, match="--frame 9/9: not in split 'test', which holds"):
         demo("--frame", "9/9")
+
+
+def test_a_folder_of_clouds_gives_pictures_and_detections(demo, tiny_data, tmp_path):
+    """The vehicle's own cloud, as if a user had recorded it with a LiDAR at 1.9 m."""
+    frame_id = read_manifest(tiny_data).frame_ids("test")[0]
+    points = read_frame(tiny_data, frame_id, ["ego_lidar"]).ego.points - np.float32([0, 0, 1.9, 0])
+    clouds = tmp_path / "clouds"
+    clouds.mkdir()
+    points.tofile(clouds / "first.bin")
+    np.save(clouds / "second.npy", points)
+    demo("--data_path", clouds)
+    first = cv2.imread(str(tmp_path / "first.png"))
+    assert first.std() > 10
+    assert (tmp_path / "second.png").exists()
+    found = read_detections(tmp_path / "detections.npz")
+    assert [d.frame_id for d in found] == ["first", "second"]
+    assert np.array_equal(found[0].boxes, found[1].boxes)
+    demo("--data_path", clouds / "first.bin", "--lidar_height_m", 6)
+    assert (cv2.imread(str(tmp_path / "first.png")) != first).any()
