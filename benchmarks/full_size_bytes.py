@@ -25,11 +25,14 @@ from tqdm import tqdm
 from pcdet_avp.config import load_config
 from pcdet_avp.datasets.avp.collate import collate, load_batch
 from pcdet_avp.datasets.avp.prepare import PrepareConfig, prepare
+from pcdet_avp.engine.bandwidth.ages import age_rows
 from pcdet_avp.engine.bandwidth.plan import Transmission, paper_budget_bytes
 from pcdet_avp.engine.bandwidth.transmit import describe, to_segments
 from pcdet_avp.engine.halves import INFRA, latent_shape
 from pcdet_avp.generate import plan, scene_config
 from pcdet_avp.link import NrV2xConfig
+from pcdet_avp.link.nr_v2x import BYTES_PER_SLOT
+from pcdet_avp.link.precision import PRECISIONS
 from pcdet_avp.models import build_network
 from pcdet_avp.sim.rig import Rig, capture
 from pcdet_avp.sim.scenarios import draw_training_scene
@@ -76,7 +79,7 @@ def print_table(latents: list[dict[str, Tensor]], budget: int, room: int) -> Non
     """A line per way to write the maps, and modality."""
     head = ("median", "95 %", "most", "blocks", "sparsity")
     print(f"{'':34}{'map':8}" + "".join(f"{name:>10}" for name in head))
-    ways = {f"{p}, as the network makes it": Transmission(p) for p in ("float16", "int8")}
+    ways = {f"{p}, as the network makes it": Transmission(p) for p in PRECISIONS}
     ways |= {
         f"{p}, at most {b:,} B": Transmission(p, budget_bytes=b)
         for p, b in (("float16", budget), ("int8", budget // 2))
@@ -90,6 +93,17 @@ def print_table(latents: list[dict[str, Tensor]], budget: int, room: int) -> Non
             print(
                 f"{label:34}{modality:8}" + "".join(f"{n:10,.0f}" for n in numbers) + f"{blocks:10.1f}{sparsity:10.3f}"
             )
+
+
+def print_ages(latents: list[dict[str, Tensor]], precision: str) -> None:
+    """How busy both modalities keep the air at 20 Hz without loss, and how old the newest whole map is."""
+    print(f"\n{precision} at 20 Hz: " + "".join(f"{name:>14}" for name in ("air busy", "camera age", "lidar age")))
+    for mcs in BYTES_PER_SLOT:
+        room, way = NrV2xConfig(mcs=mcs).max_segment_bytes, Transmission(precision)
+        blocks = {m: [len(to_segments(of[m], m, way, room)) for of in latents] for m in latents[0]}
+        rows = [row for row in age_rows({mcs: blocks}, seed=0) if row.loss == 0]
+        ages = "".join(f"{1e3 * row.mean_age_s:11.1f} ms" if row.mean_age_s else f"{'none':>14}" for row in rows)
+        print(f"MCS {mcs:<3}{'':>{len(precision) + 4}}{100 * rows[0].air_busy:12.1f} %{ages}")
 
 
 def main() -> None:
@@ -108,6 +122,8 @@ def main() -> None:
     weights = "random weights (no training)" if args.ckpt is None else f"weights {args.ckpt.name}"
     print(f"\n{Path(args.cfg).stem}, {weights}, {args.frames} frames of {Path(args.data_cfg).stem}: maps of {shape}")
     print_table(latents, args.budget or paper_budget_bytes(shape), NrV2xConfig(mcs=args.mcs).max_segment_bytes)
+    for precision in PRECISIONS:
+        print_ages(latents, precision)
 
 
 if __name__ == "__main__":

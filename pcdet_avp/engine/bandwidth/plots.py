@@ -102,7 +102,7 @@ def ap_against_bytes(content: Mapping) -> plt.Figure:
             alone = _pick(content, combo, "reference")[0]
             ax.axhline(ap_of(alone, name), color=colour, ls=":", lw=1, label=f"{name}, vehicle alone")
         ax.set(xscale="log", xlabel="bytes per frame, all maps, everything counted")
-        ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 3, 5)))
         ax.xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
         ax.xaxis.set_minor_formatter(NullFormatter())
     return _finished(figure, axes, content, "AP against bytes")

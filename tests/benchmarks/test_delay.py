@@ -1,0 +1,35 @@
+"""benchmarks/delay.py: the past that is rendered is the past of the recorded frame."""
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pcdet_avp.datasets.avp.manifest import read_manifest
+from pcdet_avp.datasets.avp.record import read_frame
+from pcdet_avp.errors import ConfigError
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def delay():
+    spec = importlib.util.spec_from_file_location("delay", ROOT / "benchmarks" / "delay.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_without_delay_the_record_comes_out_again_and_a_moment_before_it_something_else(delay, tiny_data):
+    past, manifest = delay.Past(tiny_data), read_manifest(tiny_data)
+    differ = []
+    for scene in manifest.scenes[:2]:
+        recorded = read_frame(tiny_data, scene.frame_ids[0])
+        delay.check_recorded(past.infra(recorded, 0.0), recorded)
+        later = past.infra(recorded, -0.5)  # these scenes have one frame, so the past lies ahead
+        assert np.array_equal(later.ego_from_infra.matrix, recorded.ego_from_infra.matrix)  # the mast stands still
+        differ.append(not np.array_equal(later.infra.image, recorded.infra.image))
+        with pytest.raises(ConfigError, match="differs from the record"):
+            delay.check_recorded(past.infra(recorded, -0.5), recorded)
+    assert all(differ)
