@@ -66,10 +66,15 @@ class RunFolder:
 
 def write_text(path: Path, text: str) -> None:
     """Write a whole text file, or none."""
+    write_bytes(path, text.encode("utf-8"))
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write a whole file, or none."""
     aside = path.with_name(f"{path.name}.{os.getpid()}.tmp")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        aside.write_text(text, encoding="utf-8")
+        aside.write_bytes(content)
         os.replace(aside, path)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be written ({error.strerror})") from error

@@ -1,0 +1,128 @@
+"""The report's figures, drawn without a display: each function returns a figure, ``write_figure`` saves it."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from pcdet_avp.closed_loop.crash_tables import SENSORLESS, has_paper_rows, paper_tallies
+from pcdet_avp.closed_loop.policy import INNER_M, OUTER_M, target_speed_law
+from pcdet_avp.closed_loop.results import Results
+from pcdet_avp.closed_loop.safety import Tally, crash_interval
+from pcdet_avp.engine.outputs import write_bytes
+
+# Of the roadside's sensors; told apart by the colour-blind too.
+COLORS = {"none": "#6e6e6e", "C": "#e08a00", "CL": "#0062a8"}
+VEHICLES = {"C": "vehicle camera", "CL": "vehicle camera + LiDAR"}
+ROADSIDE = {"none": "alone", "C": "roadside camera", "CL": "roadside camera + LiDAR"}
+
+
+def write_figure(figure: Figure, file: Path) -> None:
+    """As PNG, whole or not at all."""
+    picture = io.BytesIO()
+    figure.savefig(picture, format="png", dpi=130, metadata={"Software": None})
+    write_bytes(file, picture.getvalue())
+
+
+def speed_crash_figure(results: Results, scenario: str, perception: str, title: str) -> Figure:
+    """Crash rate against cruising speed with its 95 % band, a panel per vehicle; dotted: the paper."""
+    paper = paper_tallies(scenario) if has_paper_rows(scenario, perception) else {}
+    panels = vehicle_panels(results, scenario, perception)
+    figure, axes = _panels(panels, title)
+    for (name, combos), axis in zip(panels.items(), axes, strict=True):
+        for combo in combos:
+            color = combo_color(combo)
+            _curve(axis, results.tally(scenario, perception, combo), color, combo_label(combo))
+            if combo in paper:
+                points = [(v, 100 * k / n) for v, (k, n) in sorted(paper[combo].items())]
+                axis.plot(*zip(*points, strict=True), ":", color=color, marker="x", markersize=5, linewidth=1.2)
+        if any(combo in paper for combo in combos):
+            axis.plot([], [], ":", color="black", marker="x", markersize=5, label="the paper")
+        axis.set(title=name, xlabel="cruising speed v_c (m/s)", ylim=(-2, 102))
+        axis.grid(alpha=0.25)
+        _legend(axis)
+    axes[0].set_ylabel("crashes (% of episodes)")
+    return figure
+
+
+def _curve(axis: Axes, tally: Tally, color: str, label: str) -> None:
+    if not tally:
+        axis.plot([], [], color=color, label=f"{label}: not run")
+        return
+    speeds, (crashes, trials) = sorted(tally), np.array([tally[v] for v in sorted(tally)]).T
+    band = 100 * np.array([crash_interval(*tally[v]) for v in speeds])
+    axis.fill_between(speeds, *band.T, color=color, alpha=0.13, linewidth=0)
+    axis.plot(speeds, 100 * crashes / trials, color=color, marker="o", markersize=4, label=label)
+
+
+def detection_figure(results: Results, scenario: str, perception: str, title: str) -> Figure:
+    """How far ahead the last-noticed threat was first noticed: share of the episodes, all speeds together."""
+    panels = vehicle_panels(results, scenario, perception)
+    figure, axes = _panels(panels, title)
+    for (name, combos), axis in zip(panels.items(), axes, strict=True):
+        for combo in combos:
+            cells = results.row(scenario, perception, combo).values()
+            distances = np.concatenate([np.zeros(0), *(cell.values("first_detection_m") for cell in cells)])
+            _survival(axis, distances, combo_color(combo), combo_label(combo))
+        axis.set(title=name, xlabel="distance ahead of the bumper (m)", ylim=(0, 102), xlim=(0, None))
+        axis.grid(alpha=0.25)
+        _legend(axis)
+    axes[0].set_ylabel("episodes noticed from at least there (%)")
+    return figure
+
+
+def _survival(axis: Axes, values: np.ndarray, color: str, label: str) -> None:
+    """NaN is an episode in which nobody was noticed: it keeps the curve below 100 %."""
+    if not len(values):
+        axis.plot([], [], color=color, label=f"{label}: not run")
+        return
+    known = np.sort(values[np.isfinite(values)])
+    share = 100 * (len(known) - np.arange(len(known))) / len(values)
+    x, y = np.concatenate([[0.0], known]), np.concatenate([share[:1], share])
+    axis.step(x, y, where="pre", color=color, label=label)
+
+
+def law_figure(cruising: float = 1.0) -> Figure:
+    """The paper's heat map of the target speed, as a share of the cruising speed, seen from above."""
+    ahead, aside = np.linspace(0, 16, 321), np.linspace(-8, 8, 321)
+    speed = target_speed_law(ahead[:, None], np.abs(aside)[None], cruising)
+    figure = Figure(figsize=(5.2, 4.6), layout="constrained")
+    axis = figure.subplots()
+    image = axis.pcolormesh(aside, ahead, speed, cmap="viridis", vmin=0, vmax=1, shading="nearest")
+    for border in (-OUTER_M, -INNER_M, INNER_M, OUTER_M):
+        axis.axvline(border, color="white", linewidth=0.8, linestyle="--")
+    axis.set(xlabel="lateral distance of the walker (m)", ylabel="distance ahead of the front bumper (m)")
+    axis.set_title("Target speed v*/v_c of the AVP vehicle")
+    figure.colorbar(image, ax=axis, label="v* / v_c")
+    return figure
+
+
+def vehicle_panels(results: Results, scenario: str, perception: str) -> dict[str, list[str]]:
+    """Title of each panel and the combinations in it: by vehicle where sensors matter."""
+    found = results.combos(scenario, perception)
+    if perception in SENSORLESS:
+        return {"any sensors": found}
+    return {title: [f"{vehicle}+{infra}" for infra in ROADSIDE] for vehicle, title in VEHICLES.items()}
+
+
+def combo_color(combo: str) -> str:
+    return COLORS.get(combo.partition("+")[2], "#303030")
+
+
+def combo_label(combo: str) -> str:
+    return ROADSIDE.get(combo.partition("+")[2], combo)
+
+
+def _panels(panels: dict, title: str) -> tuple[Figure, list[Axes]]:
+    figure = Figure(figsize=(4.8 * max(len(panels), 1.3), 4.2), layout="constrained")
+    figure.suptitle(title, fontsize=11)
+    return figure, list(figure.subplots(1, len(panels), sharex=True, sharey=True, squeeze=False)[0])
+
+
+def _legend(axis: Axes) -> None:
+    """Below the panel, where it hides nothing."""
+    axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2, fontsize=8, frameon=False)

@@ -1,0 +1,130 @@
+"""``report.md`` of a sweep: the paper's tables III and IV with ours, intervals, curves, and what was not run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from pcdet_avp.closed_loop.crash_tables import (
+    SAFE_RATE,
+    crash_table,
+    gain_lines,
+    has_paper_rows,
+    pace_table,
+    side_table,
+)
+from pcdet_avp.closed_loop.plots import detection_figure, law_figure, speed_crash_figure, write_figure
+from pcdet_avp.closed_loop.results import Results, read_results
+from pcdet_avp.closed_loop.side_columns import side_columns
+from pcdet_avp.engine.outputs import write_text
+
+REPORT, FIGURES = "report.md", "figures"
+SCENARIOS = {
+    "pedestrian": "Pedestrian crossing",
+    "pedestrian_late": "Pedestrian crossing, late sight",
+    "t_junction": "T-junction",
+}
+PAPER_NAMES = {"pedestrian": "table III", "pedestrian_late": "table III", "t_junction": "table IV"}
+PERCEPTIONS = {
+    "oracle": "every road user is known (the limit of the control law and of physics)",
+    "los": "whatever a sensor of the combination has in line of sight is known (the limit of the sensors' places)",
+    "blind": "nothing is ever perceived",
+    "model": "the trained network",
+}
+
+
+def write_report(folder: Path) -> Path:
+    """Write ``report.md`` and its figures from ``summary.json`` and ``episodes.csv`` in ``folder``; its path."""
+    results = read_results(folder)
+    lines = [f"# How fast may the car drive? {_perceptions(results)}", "", *_provenance(results), ""]
+    for scenario, perception in results.groups():
+        lines += [*_section(results, scenario, perception, folder / FIGURES), ""]
+    lines += _law_section(folder / FIGURES)
+    write_text(folder / REPORT, "\n".join(lines).rstrip() + "\n")
+    return folder / REPORT
+
+
+def title(results: Results, scenario: str, perception: str) -> str:
+    """``T-junction, perception model (cp_small)``: what every table and figure is headed with."""
+    return f"{SCENARIOS.get(scenario, scenario)}, perception {_who(results, perception)}"
+
+
+def _who(results: Results, perception: str) -> str:
+    return f"{perception} ({results.meta.get('config', 'unknown network')})" if perception == "model" else perception
+
+
+def _perceptions(results: Results) -> str:
+    found = dict.fromkeys(perception for _, perception in results.groups())
+    return f"Perception {', '.join(_who(results, name) for name in found)}" if found else "Nothing was run yet"
+
+
+def _provenance(results: Results) -> list[str]:
+    """What was run, how, and by which code."""
+    meta = results.meta
+    facts = {
+        "command": f"`{meta.get('command')}`",
+        "seed": meta.get("seed"),
+        "commit": meta.get("git_commit"),
+        "weights": meta.get("weights_hash"),
+        "versions": ", ".join(f"{k} {v}" for k, v in (meta.get("versions") or {}).items()),
+        "machine": ", ".join(f"{k} {v}" for k, v in (meta.get("machine") or {}).items()),
+        "wall time": f"{meta['wall_time_s']} s" if meta.get("wall_time_s") is not None else None,
+    }
+    return [f"- {name}: {value}" for name, value in facts.items() if value not in (None, "")]
+
+
+def _section(results: Results, scenario: str, perception: str, figures: Path) -> list[str]:
+    head, stem = title(results, scenario, perception), f"{scenario}_{perception}"
+    curves = speed_crash_figure(results, scenario, perception, f"{head}: crashes")
+    lines = [f"## {head}", "", f"`{perception}`: {PERCEPTIONS.get(perception, 'a perception of your own')}.", ""]
+    lines += _crash_part(results, scenario, perception, head)
+    lines += ["", *_pace_part(results, scenario, perception, head), ""]
+    lines += [*_picture(figures / f"crashes_{stem}.png", curves, f"{head}: crash rate against cruising speed")]
+    for heading, text in side_columns(results.group(scenario, perception)):
+        lines += ["", f"**{head}: {heading}**", "", *side_table(results, scenario, perception, text)]
+    if any(len(cell.measured("first_detection_m")) for cell in results.group(scenario, perception)):
+        far = detection_figure(results, scenario, perception, f"{head}: first detection")
+        lines += ["", *_picture(figures / f"detection_{stem}.png", far, f"{head}: distance of the first detection")]
+    return lines
+
+
+def _crash_part(results: Results, scenario: str, perception: str, head: str) -> list[str]:
+    table = crash_table(results, scenario, perception)
+    gains = gain_lines(results, scenario, perception)
+    counted = "any contact" if scenario.startswith("t_junction") else "a walker met by the front"
+    beside = f", with the paper's {PAPER_NAMES[scenario]}" if has_paper_rows(scenario, perception) else ""
+    return [
+        f"**{head}: crashes** ({counted}) of n episodes{beside}.",
+        "In brackets the rate's 95 % Clopper-Pearson interval in percent. Bold: the highest speed up to which no crash",
+        f"occurred. Last column: the highest speed up to which the one-sided 95 % bound stays below {SAFE_RATE:.0%}.",
+        "`>=`: nothing faster was run; `<`: not even the slowest is safe.",
+        "",
+        *table,
+        *(["", "What the roadside adds to the maximum safe speed:", "", *gains] if gains else []),
+    ]
+
+
+def _pace_part(results: Results, scenario: str, perception: str, head: str) -> list[str]:
+    return [
+        f"**{head}: what safety costs.** At the maximum safe speed, and beside it a car with the same eyes that always",
+        "drives at the slowest speed that was run: crashes alone would let the timid win.",
+        "",
+        *pace_table(results, scenario, perception),
+    ]
+
+
+def _law_section(figures: Path) -> list[str]:
+    return [
+        "## The law of the target speed",
+        "",
+        "What the car aims at for a walker ahead, as a share of its cruising speed (the paper's heat map). Distances",
+        "are those from the front bumper and from the car's centre line to the nearest point of the walker's box.",
+        "",
+        *_picture(figures / "target_speed.png", law_figure(), "Heat map of the target speed"),
+    ]
+
+
+def _picture(file: Path, figure: Figure, text: str) -> list[str]:
+    write_figure(figure, file)
+    return [f"![{text}]({file.parent.name}/{file.name})"]
