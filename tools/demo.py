@@ -7,10 +7,8 @@ python tools/demo.py --cfg cfgs/avp/cp_small.yaml --ckpt weights/cp_small.pth --
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
 from pathlib import Path
 
-import cv2
 import numpy as np
 from tqdm import tqdm
 
@@ -23,6 +21,7 @@ from pcdet_avp.engine.outputs import RunFolder, open_log
 from pcdet_avp.engine.pictures import detection_picture
 from pcdet_avp.engine.testing import THRESHOLDS_KEY, load_network
 from pcdet_avp.errors import ConfigError
+from pcdet_avp.visualization.video import write_picture, write_video
 
 
 def parse_arguments() -> argparse.Namespace:
@@ -53,11 +52,11 @@ def main() -> None:
 
     if args.frame:
         file = out / f"{args.frame.replace('/', '_')}.png"
-        _write_picture(file, picture(_index_of(args.frame, dataset)))
+        write_picture(file, picture(_index_of(args.frame, dataset)))
     else:
-        file = out / f"{args.split}.mp4"
         count = min(args.frames or len(dataset), len(dataset))
-        _write_video(file, (picture(i) for i in tqdm(range(count), unit="frame", desc="drawing")), args.fps)
+        images = (picture(i) for i in tqdm(range(count), unit="frame", desc="drawing"))
+        file = write_video(out / f"{args.split}.mp4", images, args.fps)
     print(f"wrote {file}")
 
 
@@ -73,27 +72,6 @@ def _index_of(frame_id: str, dataset) -> int:
         known = f"{dataset.frame_ids[0]} ... {dataset.frame_ids[-1]}"
         raise ConfigError(f"--frame {frame_id}: not in split {dataset.split!r}, which holds {known}")
     return dataset.frame_ids.index(frame_id)
-
-
-def _write_picture(file: Path, image: np.ndarray) -> None:
-    try:
-        file.write_bytes(cv2.imencode(".png", image[..., ::-1])[1].tobytes())
-    except OSError as error:
-        raise ConfigError(f"{file}: cannot be written ({error.strerror})") from error
-
-
-def _write_video(file: Path, images: Iterator[np.ndarray], fps: float) -> None:
-    """Write aside and rename, so that an interrupted video is none."""
-    aside = file.with_name(f"unfinished_{file.name}")
-    writer = None
-    for image in images:
-        size = (image.shape[1], image.shape[0])
-        writer = writer or cv2.VideoWriter(str(aside), cv2.VideoWriter_fourcc(*"mp4v"), fps, size)
-        if not writer.isOpened():
-            raise ConfigError(f"{file}: cannot write a video here")
-        writer.write(np.ascontiguousarray(image[..., ::-1]))
-    writer.release()
-    aside.replace(file)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,65 @@
+"""Pictures and videos as files, whole or not at all; only what OpenCV's wheel brings along is needed."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from pcdet_avp.errors import ConfigError
+
+# The first that this OpenCV can write is taken: VP9 plays in browsers, the others in desktop players.
+CODECS = (("vp09", ".mp4"), ("mp4v", ".mp4"), ("MJPG", ".avi"))
+
+
+def write_picture(file: Path, image: np.ndarray) -> None:
+    """Save image (H, W, 3) uint8 RGB; the file's ending names the format."""
+    aside = _aside(file)
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        aside.write_bytes(cv2.imencode(file.suffix, image[..., ::-1])[1].tobytes())
+        os.replace(aside, file)
+    except OSError as error:
+        raise ConfigError(f"{file}: cannot be written ({error.strerror})") from error
+
+
+def write_video(file: Path, images: Iterable[np.ndarray], fps: float) -> Path:
+    """Save images (H, W, 3) uint8 RGB, all of one size, as a video.
+
+    Returns its path: that of ``file``, with another ending where only another container can be written.
+    """
+    writer = target = aside = None
+    for image in images:
+        if writer is None:
+            writer, target = _open(file, fps, (image.shape[1], image.shape[0]))
+            aside = _aside(target)
+        writer.write(np.ascontiguousarray(image[..., ::-1]))
+    if writer is None:
+        raise ConfigError(f"{file}: a video needs at least one picture")
+    writer.release()
+    os.replace(aside, target)
+    return target
+
+
+def _open(file: Path, fps: float, size: tuple[int, int]) -> tuple[cv2.VideoWriter, Path]:
+    _make_folder(file.parent)
+    for codec, ending in CODECS:
+        target = file.with_suffix(ending)
+        writer = cv2.VideoWriter(str(_aside(target)), cv2.VideoWriter_fourcc(*codec), fps, size)
+        if writer.isOpened():
+            return writer, target
+    raise ConfigError(f"{file}: cannot write a video here")
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"{folder}: cannot make this folder ({error.strerror})") from error
+
+
+def _aside(file: Path) -> Path:
+    return file.with_name(f"unfinished_{file.name}")
