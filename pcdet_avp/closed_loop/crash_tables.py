@@ -22,6 +22,7 @@ PAPER_SCENARIOS = {
     "pedestrian": "pedestrian_crossing",
     "pedestrian_late": "pedestrian_crossing",
     "t_junction": "t_junction",
+    "t_junction_wide": "t_junction",
 }
 SENSORLESS = ("oracle", "blind")  # what they perceive depends on no sensor, and the paper has no such rows
 

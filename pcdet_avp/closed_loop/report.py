@@ -24,8 +24,14 @@ SCENARIOS = {
     "pedestrian": "Pedestrian crossing",
     "pedestrian_late": "Pedestrian crossing, late sight",
     "t_junction": "T-junction",
+    "t_junction_wide": "T-junction, arrival +-1 s",
 }
-PAPER_NAMES = {"pedestrian": "table III", "pedestrian_late": "table III", "t_junction": "table IV"}
+PAPER_NAMES = {
+    "pedestrian": "table III",
+    "pedestrian_late": "table III",
+    "t_junction": "table IV",
+    "t_junction_wide": "table IV",
+}
 PERCEPTIONS = {
     "oracle": "every road user is known (the limit of the control law and of physics)",
     "los": "whatever a sensor of the combination has in line of sight is known (the limit of the sensors' places)",

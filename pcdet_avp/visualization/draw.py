@@ -76,6 +76,16 @@ class BevCanvas:
         outline = self.pixels(np.asarray(xy)).round().astype(np.int32)
         cv2.polylines(self.image, [outline], True, [int(c) for c in color], thickness, cv2.LINE_AA)
 
+    def fill(self, xy: np.ndarray, color) -> None:
+        """A filled floor polygon (K, 2)."""
+        outline = self.pixels(np.asarray(xy)).round().astype(np.int32)
+        cv2.fillPoly(self.image, [outline], [int(c) for c in color], cv2.LINE_AA)
+
+    def ring(self, xy: np.ndarray, radius_px: int, color, thickness: int = 2) -> None:
+        """A circle of so many pixels around a floor point (2,); thickness -1 fills it."""
+        x, y = self.pixels(np.asarray(xy)).round().astype(int).tolist()
+        cv2.circle(self.image, (x, y), radius_px, [int(c) for c in color], thickness, cv2.LINE_AA)
+
     def boxes(self, boxes: np.ndarray, colors: np.ndarray, thickness: int = 2) -> None:
         """Footprints of boxes (N, 7) with a tick from the centre to the front."""
         for box, corners, color in zip(boxes, bev_corners(boxes), colors, strict=True):

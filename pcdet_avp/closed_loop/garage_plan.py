@@ -1,0 +1,69 @@
+"""The garage from above, as the quiet background of an episode's pictures."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pcdet_avp.sim.garage import LANE_WIDTH_M, SLOT_DEPTH_M, SLOT_WIDTH_M, GarageLayout
+from pcdet_avp.structures.boxes import bev_corners
+from pcdet_avp.visualization.draw import BevCanvas
+
+MARGIN_M = 60.0  # beyond the plan, so that every window lies on the canvas
+ASPHALT, PAINT, CONCRETE, PARKED, PARKED_EDGE = (
+    (40, 41, 44),
+    (92, 92, 88),
+    (128, 126, 120),
+    (70, 74, 80),
+    (96, 100, 108),
+)
+DASH_M, DASH_EVERY_M, PAINT_M = 1.5, 4.5, 0.1
+
+
+def garage_plan(layout: GarageLayout, parked: np.ndarray, px_per_m: float) -> BevCanvas:
+    """A canvas (world frame) of the whole plan with parked vehicles (N, 7)."""
+    far_y = LANE_WIDTH_M + SLOT_DEPTH_M
+    canvas = BevCanvas(
+        layout.road_start_x - MARGIN_M,
+        layout.side_road_end_y - MARGIN_M / 2,
+        layout.road_end_x + MARGIN_M,
+        far_y + MARGIN_M / 2,
+        px_per_m,
+    )
+    for rectangle in _floors(layout):
+        canvas.fill(_corners(*rectangle), ASPHALT)
+    for rectangle in _markings(layout):
+        canvas.fill(_corners(*rectangle), PAINT)
+    for corners in bev_corners(layout.solid_boxes()):
+        canvas.fill(corners, CONCRETE)
+    for corners in bev_corners(parked):
+        canvas.fill(corners, PARKED)
+        canvas.polygon(corners, PARKED_EDGE)
+    return canvas
+
+
+def _floors(layout: GarageLayout) -> list[tuple[float, float, float, float]]:
+    """x_min, y_min, x_max, y_max of the main road with its slots, and of the side road."""
+    far_y = LANE_WIDTH_M + SLOT_DEPTH_M
+    near_x = layout.junction_x - LANE_WIDTH_M
+    return [
+        (layout.road_start_x, -far_y, layout.road_end_x, far_y),
+        (near_x, layout.side_road_end_y, layout.road_end_x, -far_y),
+    ]
+
+
+def _markings(layout: GarageLayout) -> list[tuple[float, float, float, float]]:
+    """Dashes between the lanes of both roads, and the lines between slots."""
+    half = PAINT_M / 2
+    along = np.arange(layout.road_start_x + 1.0, layout.road_end_x - DASH_M, DASH_EVERY_M)
+    down = np.arange(layout.side_road_end_y + 1.0, -LANE_WIDTH_M - DASH_M, DASH_EVERY_M)
+    dashes = [(x, -half, x + DASH_M, half) for x in along]
+    dashes += [(layout.junction_x - half, y, layout.junction_x + half, y + DASH_M) for y in down]
+    edges = {(round(slot.x + side * SLOT_WIDTH_M / 2, 2), np.sign(slot.y)) for slot in layout.slots for side in (-1, 1)}
+    lines = [
+        (x - half, *sorted((sign * LANE_WIDTH_M, sign * (LANE_WIDTH_M + SLOT_DEPTH_M))), x + half) for x, sign in edges
+    ]
+    return dashes + [(x0, low, x1, high) for x0, low, high, x1 in lines]
+
+
+def _corners(x_min: float, y_min: float, x_max: float, y_max: float) -> np.ndarray:
+    return np.array([(x_min, y_min), (x_max, y_min), (x_max, y_max), (x_min, y_max)])
