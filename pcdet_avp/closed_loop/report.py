@@ -7,6 +7,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from pcdet_avp.closed_loop.crash_tables import (
+    PAPER_SCENARIOS,
     SAFE_RATE,
     crash_table,
     gain_lines,
@@ -99,7 +100,9 @@ def _crash_part(results: Results, scenario: str, perception: str, head: str) -> 
     table = crash_table(results, scenario, perception)
     gains = gain_lines(results, scenario, perception)
     counted = "any contact" if scenario.startswith("t_junction") else "a walker met by the front"
-    beside = f", with the paper's {PAPER_NAMES[scenario]}" if has_paper_rows(scenario, perception) else ""
+    beside = (
+        f", with the paper's {PAPER_NAMES[PAPER_SCENARIOS[scenario]]}" if has_paper_rows(scenario, perception) else ""
+    )
     return [
         f"**{head}: crashes** ({counted}) of n episodes{beside}.",
         "In brackets the rate's 95 % Clopper-Pearson interval in percent. Bold: the highest speed up to which no crash",

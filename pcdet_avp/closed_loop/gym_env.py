@@ -1,0 +1,128 @@
+"""The closed loop as a Gymnasium environment: bring your own controller. Needs ``pip install pcdet_avp[gym]``.
+
+    env = gymnasium.make("pcdet_avp.closed_loop.gym_env:pcdet_avp/TJunction-v0", cruising=8.0)
+
+The world, the dynamics, the perception and what counts as a crash are those of ``run_episode``. Whoever acts by
+``info["law_target_speed"]``, the speed that the paper's law asks for, drives exactly the same episode.
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+
+try:
+    import gymnasium
+    from gymnasium import spaces
+except ModuleNotFoundError as missing:
+    raise ImportError("pcdet_avp.closed_loop.gym_env needs gymnasium: pip install pcdet_avp[gym]") from missing
+
+from pcdet_avp.closed_loop.episode import EpisodeSettings
+from pcdet_avp.closed_loop.oracle import Oracle
+from pcdet_avp.closed_loop.perceiver import Perceived, Perceiver, PerceiverSettings
+from pcdet_avp.closed_loop.stepped_episode import SteppedEpisode
+from pcdet_avp.errors import ConfigError
+from pcdet_avp.sim.episode_table import draw_scenario
+from pcdet_avp.structures.frame import CLASS_NAMES
+from pcdet_avp.structures.sensor_set import SensorSet
+
+IDS = {
+    "pcdet_avp/PedestrianCrossing-v0": "pedestrian",
+    "pcdet_avp/LatePedestrianCrossing-v0": "pedestrian_late",
+    "pcdet_avp/TJunction-v0": "t_junction",
+}
+MAX_BOXES = 64
+FAR_M, FAST_MPS = 200.0, 50.0  # observations are clipped here
+CRASH_COST = 200.0  # more than the metres of any drive
+PAPER_RANGE = {"POINT_CLOUD_RANGE": [0.0, -30.08, -0.5, 44.8, 30.08, 3.5], "VOXEL_SIZE": [0.16, 0.16, 4.0]}
+
+
+class AvpEnv(gymnasium.Env):
+    """A drive through one scenario, 20 decisions a second.
+
+    Action (1,): target speed v* in [0, v_c], m/s; the vehicle follows with the paper's dynamics, one tick late.
+    Observation: ``speed`` (1,) m/s; ``distance`` (1,) m from the front bumper to the first gap or the conflict zone
+    (negative beyond it); ``boxes`` (64, 7) in the ego frame, nearest first; ``classes`` (64,) index into
+    ``CLASS_NAMES``; ``mask`` (64,) 1 where there is a detection. Nothing is perceived while nobody can matter.
+    Reward: metres driven, minus 200 for a crash. It ends with a crash or when everybody is passed, and is truncated
+    after ``settings.time_limit_s``.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": []}
+
+    def __init__(
+        self,
+        scenario: str = "pedestrian",
+        cruising: float = 8.0,
+        perceiver: Perceiver | None = None,
+        combo: str = "CL+CL",
+        settings: EpisodeSettings | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        """``perceiver`` None: the oracle. ``combo``: the sensors that it may use."""
+        if render_mode is not None:
+            raise ConfigError(f"render_mode: expected None, found {render_mode!r}; closed_loop.film makes videos")
+        draw_scenario(scenario, 0, 0, cruising)  # a wrong name or speed shows now
+        self._scenario, self._cruising, self._combo = scenario, cruising, SensorSet.parse(combo)
+        self._perceiver = perceiver or Oracle(PerceiverSettings(PAPER_RANGE))
+        self._settings = settings or EpisodeSettings()
+        self._episode: SteppedEpisode | None = None
+        self.render_mode = render_mode
+        self.action_space = spaces.Box(0.0, cruising, (1,), np.float32)
+        self.observation_space = spaces.Dict(
+            speed=spaces.Box(0.0, FAST_MPS, (1,), np.float32),
+            distance=spaces.Box(-FAR_M, FAR_M, (1,), np.float32),
+            boxes=spaces.Box(-FAR_M, FAR_M, (MAX_BOXES, 7), np.float32),
+            classes=spaces.MultiDiscrete([len(CLASS_NAMES)] * MAX_BOXES),
+            mask=spaces.MultiBinary(MAX_BOXES),
+        )
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):
+        """``options``: ``seed`` and ``trial`` choose the very episode that ``draw_scenario`` draws."""
+        super().reset(seed=seed)
+        wanted = {"seed": int(self.np_random.integers(2**31)), "trial": 0} | (options or {})
+        scenario = draw_scenario(self._scenario, wanted["seed"], wanted["trial"], self._cruising)
+        self._episode = SteppedEpisode(scenario, self._perceiver, self._combo, self._settings)
+        self._look()
+        return self._observation(), self._info()
+
+    def step(self, action):
+        """One tick: act, let the world go on, look again."""
+        episode = self._episode
+        if episode is None or episode.over:
+            raise gymnasium.error.ResetNeeded("the episode is over (or has not begun): call reset() first")
+        before = episode.state.position
+        episode.move(float(np.clip(action, 0.0, self._cruising)[0]))
+        reward = episode.state.position - before - CRASH_COST * episode.crashed
+        self._look()
+        ended = episode.crashed or episode.passed
+        return self._observation(), float(reward), ended, episode.over and not ended, self._info()
+
+    def _look(self) -> None:
+        """What is perceived now, and what the paper's law makes of it; nothing after the end."""
+        seen, self._law = (None, self._cruising) if self._episode.over else self._episode.look()
+        self._seen = seen or Perceived.nothing()
+
+    def _observation(self) -> dict[str, np.ndarray]:
+        order = np.argsort(np.hypot(self._seen.boxes[:, 0], self._seen.boxes[:, 1]), kind="stable")[:MAX_BOXES]
+        boxes, classes = np.zeros((MAX_BOXES, 7), np.float32), np.zeros(MAX_BOXES, np.int64)
+        boxes[: len(order)] = self._seen.boxes[order].clip(-FAR_M, FAR_M)
+        classes[: len(order)] = [CLASS_NAMES.index(name) for name in self._seen.names[order]]
+        return {
+            "speed": np.array([self._episode.state.speed], np.float32).clip(0.0, FAST_MPS),
+            "distance": np.array([self._episode.distance_to_go], np.float32).clip(-FAR_M, FAR_M),
+            "boxes": boxes,
+            "classes": classes,
+            "mask": (np.arange(MAX_BOXES) < len(order)).astype(np.int8),
+        }
+
+    def _info(self) -> dict[str, Any]:
+        """``law_target_speed``: what the paper's law would do; at the end ``log``, the episode's ``EpisodeLog``."""
+        info = {"law_target_speed": self._law}
+        return info | ({"log": self._episode.log()} if self._episode.over else {})
+
+
+for _id, _scenario in IDS.items():
+    if _id not in gymnasium.registry:
+        gymnasium.register(_id, entry_point=AvpEnv, kwargs={"scenario": _scenario})

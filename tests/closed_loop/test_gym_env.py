@@ -1,0 +1,104 @@
+"""The Gymnasium environment drives the very episodes of ``run_episode``."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+from pcdet_avp.closed_loop.episode import run_episode
+from pcdet_avp.closed_loop.oracle import Blind, Oracle
+from pcdet_avp.closed_loop.perceiver import PerceiverSettings
+from pcdet_avp.errors import ConfigError
+from pcdet_avp.sim.episode_table import draw_scenario
+from pcdet_avp.structures.sensor_set import SensorSet
+
+gymnasium = pytest.importorskip("gymnasium")
+
+from gymnasium.utils.env_checker import check_env  # noqa: E402
+
+from pcdet_avp.closed_loop import gym_env  # noqa: E402
+from pcdet_avp.closed_loop.gym_env import CRASH_COST, IDS, PAPER_RANGE  # noqa: E402
+
+ORACLE = Oracle(PerceiverSettings(PAPER_RANGE))
+
+
+def drive(env, trial, policy):
+    """The log of an episode, its summed reward and its observations."""
+    observation, info = env.reset(options={"seed": 3, "trial": trial})
+    total, seen, ended = 0.0, [observation], False
+    while not ended:
+        observation, reward, terminated, truncated, info = env.step(policy(observation, info))
+        total, ended = total + reward, terminated or truncated
+        seen.append(observation)
+    return info["log"], total, seen
+
+
+def law(observation, info):
+    return np.array([info["law_target_speed"]], np.float64)
+
+
+@pytest.mark.parametrize(
+    ("name", "perceiver"), [("pedestrian", ORACLE), ("t_junction", Blind()), ("t_junction", ORACLE)]
+)
+def test_by_the_papers_law_it_is_run_episode(name, perceiver):
+    env = gym_env.AvpEnv(name, 9.0, perceiver)
+    for trial in range(2):
+        log, total, _ = drive(env, trial, law)
+        expected = run_episode(draw_scenario(name, 3, trial, 9.0), perceiver, SensorSet.parse("CL+CL"))
+        assert (log.outcome, log.crash_time_s, log.finished) == (
+            expected.outcome,
+            expected.crash_time_s,
+            expected.finished,
+        )
+        np.testing.assert_array_equal(log.positions, expected.positions)
+        np.testing.assert_array_equal(log.targets, expected.targets)
+        crashed = name == "t_junction" and perceiver is not ORACLE
+        driven = log.mean_speed * (log.crash_time_s if crashed else len(log.times) * 0.05)
+        assert total == pytest.approx(driven - CRASH_COST * crashed)
+
+
+def test_observations_count_down_to_the_gap_and_name_the_nearest_first():
+    env = gym_env.AvpEnv("pedestrian", 6.0)
+    _, _, seen = drive(env, 0, law)
+    distances = [float(o["distance"][0]) for o in seen]
+    assert distances[0] == pytest.approx(36.0, abs=0.01)  # 6 s at 6 m/s
+    assert distances[1] - distances[0] == pytest.approx(-0.3, abs=1e-4)  # a tick of cruising
+    busy = max(seen, key=lambda o: o["mask"].sum())
+    count = int(busy["mask"].sum())
+    reach = np.hypot(*busy["boxes"][:count, :2].T)
+    assert count > 5
+    assert (np.diff(reach) >= 0).all()
+    assert not busy["boxes"][count:].any()
+    assert set(busy["classes"][:count]) == {0, 1}
+
+
+def test_who_stands_still_is_cut_off_by_the_time_limit():
+    from pcdet_avp.closed_loop.episode import EpisodeSettings
+
+    env = gym_env.AvpEnv("t_junction", 8.0, settings=EpisodeSettings(time_limit_s=3.0))
+    env.reset(seed=0)
+    for _ in range(59):
+        *_, terminated, truncated, _ = env.step(np.zeros(1, np.float32))
+        assert not terminated
+        assert not truncated
+    *_, terminated, truncated, _ = env.step(np.zeros(1, np.float32))
+    assert truncated
+    assert not terminated
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(np.zeros(1, np.float32))
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_gymnasium_has_no_complaint(name):
+    env = gymnasium.make(name, cruising=7.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", ".*symmetric and normalized space")  # ours is in m/s, for people
+        check_env(env.unwrapped, skip_render_check=True)
+
+
+def test_a_wrong_scenario_or_speed_shows_at_once():
+    with pytest.raises(ConfigError, match="unknown scenario 'motorway'"):
+        gym_env.AvpEnv("motorway")
+    with pytest.raises(ConfigError, match="speed"):
+        gym_env.AvpEnv("pedestrian", 0.0)
