@@ -6,9 +6,7 @@ has skipped; it is not the same as no crash.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-
-import numpy as np
+from collections.abc import Callable
 
 from pcdet_avp.closed_loop.results import Cell, Results
 from pcdet_avp.closed_loop.safety import Tally, bounded_speed, crash_interval, max_safe_speed
@@ -24,7 +22,8 @@ PAPER_SCENARIOS = {
     "t_junction": "t_junction",
     "t_junction_wide": "t_junction",
 }
-SENSORLESS = ("oracle", "blind")  # what they perceive depends on no sensor, and the paper has no such rows
+SENSORLESS = ("oracle", "blind", "always_slow")  # they see the same with any sensors, and the paper has no such rows
+BASELINE = "always_slow"  # a line of every table: a timid car must not win
 
 
 def crash_table(results: Results, scenario: str, perception: str, rate: float = SAFE_RATE) -> list[str]:
@@ -32,13 +31,13 @@ def crash_table(results: Results, scenario: str, perception: str, rate: float = 
     paper = paper_tallies(scenario) if has_paper_rows(scenario, perception) else {}
     speeds = sorted({*results.speeds(scenario, perception), *(v for row in paper.values() for v in row)})
     body = []
-    for combo in shown_combos(results, scenario, perception):
-        ours = results.tally(scenario, perception, combo)
+    for who, combo in shown_lines(results, scenario, perception):
+        ours = results.tally(scenario, who, combo)
         bound = _speed(bounded_speed(ours, rate), ours) if ours else NOT_RUN
-        body.append([*_sensors(combo), "ours", *_crash_cells(ours, speeds, NOT_RUN), _max_safe(ours), bound])
+        body.append([*_names(who, combo), "ours", *_crash_cells(ours, speeds, NOT_RUN), _max_safe(ours), bound])
         if combo in paper:
             theirs = paper[combo]
-            body.append([*_sensors(combo), "paper", *_crash_cells(theirs, speeds, ""), _max_safe(theirs), ""])
+            body.append([*_names(who, combo), "paper", *_crash_cells(theirs, speeds, ""), _max_safe(theirs), ""])
     limits = ["max safe m/s", f"bound < {rate:.0%} up to m/s"]
     return markdown_table(["vehicle", "roadside", "", *(f"{v:g} m/s" for v in speeds), *limits], body)
 
@@ -47,40 +46,38 @@ def side_table(results: Results, scenario: str, perception: str, text: Callable[
     """A table of the same form whose cells hold ``text`` of what was run."""
     speeds = results.speeds(scenario, perception)
     body = []
-    for combo in shown_combos(results, scenario, perception):
-        cells = results.row(scenario, perception, combo)
-        body.append([*_sensors(combo), *(text(cells[v]) if v in cells else NOT_RUN for v in speeds)])
+    for who, combo in shown_lines(results, scenario, perception):
+        cells = results.row(scenario, who, combo)
+        body.append([*_names(who, combo), *(text(cells[v]) if v in cells else NOT_RUN for v in speeds)])
     return markdown_table(["vehicle", "roadside", *(f"{v:g} m/s" for v in speeds)], body)
 
 
 def pace_table(results: Results, scenario: str, perception: str) -> list[str]:
-    """How fast the car gets on at its maximum safe speed, beside the baseline: always at the slowest speed run."""
+    """How fast the car gets on at its maximum safe speed, and how often it brakes for nothing."""
     body = []
-    for combo in shown_combos(results, scenario, perception):
-        cells, tally = results.row(scenario, perception, combo), results.tally(scenario, perception, combo)
-        slow = min(tally, default=None)
-        crashes = _crash_cells(tally, [slow], NOT_RUN) if tally else [NOT_RUN]
-        body.append([*_sensors(combo), *_pace(cells, max_safe_speed(tally)), *_pace(cells, slow)[:2], *crashes])
-    safe, always = ["max safe m/s", "mean speed m/s", "false braking %"], ["always at m/s", "mean speed m/s", "crashes"]
-    return markdown_table(["vehicle", "roadside", *safe, *always], body)
+    for who, combo in shown_lines(results, scenario, perception):
+        cells, tally = results.row(scenario, who, combo), results.tally(scenario, who, combo)
+        body.append([*_names(who, combo), _max_safe(tally), *_pace(cells.get(max_safe_speed(tally)))])
+    return markdown_table(
+        ["vehicle", "roadside", "max safe m/s", "mean speed there m/s", "false braking there %"], body
+    )
 
 
-def _pace(cells: Mapping[float, Cell], speed: float | None) -> tuple[str, str, str]:
-    """A cruising speed, the mean speed that came of it, and the share of false braking in percent."""
-    if speed is None:
-        return ("none" if cells else NOT_RUN), NOTHING, NOTHING
-    mean, false_brakes = (cells[speed].measured(column) for column in ("mean_speed", "false_brake_share"))
-    return f"{speed:g}", f"{mean.mean():.1f}" if len(mean) else NOTHING, _percent(false_brakes)
-
-
-def _percent(shares: np.ndarray) -> str:
-    return f"{100 * shares.mean():.1f}" if len(shares) else NOTHING
-
-
-def shown_combos(results: Results, scenario: str, perception: str) -> list[str]:
-    """All six combinations where they matter, run or not; else those that were run."""
+def shown_lines(results: Results, scenario: str, perception: str) -> list[tuple[str, str]]:
+    """Perception and combination of every line: all six where they matter, run or not, and the baseline if it was."""
     found = results.combos(scenario, perception)
-    return found if perception in SENSORLESS else [*SENSOR_SETS, *(c for c in found if c not in SENSOR_SETS)]
+    combos = found if perception in SENSORLESS else [*SENSOR_SETS, *(c for c in found if c not in SENSOR_SETS)]
+    lines = [(perception, combo) for combo in combos]
+    baseline = [(BASELINE, combo) for combo in results.combos(scenario, BASELINE)]
+    return lines + [line for line in baseline if perception != BASELINE]
+
+
+def _pace(cell: Cell | None) -> tuple[str, str]:
+    """Mean speed, and the share of false braking in percent."""
+    if cell is None:
+        return NOTHING, NOTHING
+    means = (cell.measured(column) for column in ("mean_speed", "false_brake_share"))
+    return tuple(f"{factor * mean.mean():.1f}" for mean, factor in zip(means, (1, 100), strict=True))
 
 
 def has_paper_rows(scenario: str, perception: str) -> bool:
@@ -116,9 +113,10 @@ def _gain(tally: Tally, alone: Tally) -> float | None:
     return None if None in speeds else speeds[0] - speeds[1]
 
 
-def _sensors(combo: str) -> tuple[str, str]:
+def _names(perception: str, combo: str) -> tuple[str, str]:
+    """The sensors of vehicle and roadside."""
     vehicle, _, roadside = combo.partition("+")
-    return vehicle, roadside or NOTHING
+    return (perception.replace("_", " ") if perception == BASELINE else vehicle), roadside or NOTHING
 
 
 def _crash_cells(tally: Tally, speeds: list[float], missing: str) -> list[str]:

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pcdet_avp.closed_loop.crash_tables import SENSORLESS, has_paper_rows, paper_tallies
+from pcdet_avp.closed_loop.crash_tables import BASELINE, SENSORLESS, has_paper_rows, paper_tallies
 from pcdet_avp.closed_loop.policy import INNER_M, OUTER_M, target_speed_law
 from pcdet_avp.closed_loop.results import Results
 from pcdet_avp.closed_loop.safety import Tally, crash_interval
@@ -38,8 +38,10 @@ def speed_crash_figure(results: Results, scenario: str, perception: str, title: 
             color = combo_color(combo)
             _curve(axis, results.tally(scenario, perception, combo), color, combo_label(combo))
             if combo in paper:
-                points = [(v, 100 * k / n) for v, (k, n) in sorted(paper[combo].items())]
-                axis.plot(*zip(*points, strict=True), ":", color=color, marker="x", markersize=5, linewidth=1.2)
+                axis.plot(*_rates(paper[combo]), ":", color=color, marker="x", markersize=5, linewidth=1.2)
+        for combo in results.combos(scenario, BASELINE) if perception != BASELINE else ():
+            tally = results.tally(scenario, BASELINE, combo)
+            axis.plot(*_rates(tally), "--", color="#9a7bb5", linewidth=1.2, label="always slow")
         if any(combo in paper for combo in combos):
             axis.plot([], [], ":", color="black", marker="x", markersize=5, label="the paper")
         axis.set(title=name, xlabel="cruising speed v_c (m/s)", ylim=(-2, 102))
@@ -53,10 +55,14 @@ def _curve(axis: Axes, tally: Tally, color: str, label: str) -> None:
     if not tally:
         axis.plot([], [], color=color, label=f"{label}: not run")
         return
-    speeds, (crashes, trials) = sorted(tally), np.array([tally[v] for v in sorted(tally)]).T
-    band = 100 * np.array([crash_interval(*tally[v]) for v in speeds])
-    axis.fill_between(speeds, *band.T, color=color, alpha=0.13, linewidth=0)
-    axis.plot(speeds, 100 * crashes / trials, color=color, marker="o", markersize=4, label=label)
+    band = 100 * np.array([crash_interval(*tally[v]) for v in sorted(tally)])
+    axis.fill_between(sorted(tally), *band.T, color=color, alpha=0.13, linewidth=0)
+    axis.plot(*_rates(tally), color=color, marker="o", markersize=4, label=label)
+
+
+def _rates(tally: Tally) -> tuple[list[float], list[float]]:
+    """Speeds (m/s) and crash rates (percent)."""
+    return sorted(tally), [100 * tally[v][0] / tally[v][1] for v in sorted(tally)]
 
 
 def detection_figure(results: Results, scenario: str, perception: str, title: str) -> Figure:
@@ -110,7 +116,7 @@ def vehicle_panels(results: Results, scenario: str, perception: str) -> dict[str
 
 
 def combo_color(combo: str) -> str:
-    return COLORS.get(combo.partition("+")[2], "#303030")
+    return COLORS.get(combo.partition("+")[2], "#0062a8")
 
 
 def combo_label(combo: str) -> str:

@@ -25,7 +25,13 @@ def side_columns(cells: Sequence[Cell]) -> list[tuple[str, CellText]]:
         columns.append(("threats unseen, ticks per episode: outside every field of view / occluded", _misses))
     if any(_has(cell, "messages") for cell in cells):
         columns.append(("roadside maps used: mean size (kB) / mean age (ms)", _messages))
+    if any(_unfinished(cell) for cell in cells):
+        columns.append(("episodes that the time limit cut off", lambda cell: str(_unfinished(cell))))
     return columns
+
+
+def _unfinished(cell: Cell) -> int:
+    return sum(row.get("finished") == "False" for row in cell.episodes)
 
 
 def _has(cell: Cell, column: str) -> bool:

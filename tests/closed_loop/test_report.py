@@ -101,9 +101,19 @@ def test_the_roadsides_gain_is_a_difference_of_maximum_safe_speeds(sweep):
     ]
 
 
-def test_pace_compares_with_a_car_that_is_always_slow(sweep):
-    line = next(line for line in pace_table(read_results(sweep), "t_junction", "model") if "| C       | CL " in line)
-    assert re.split(r"\s*\|\s*", line.strip("| "))[2:] == ["6", "2.5", "4.0", "5", "2.5", "0/20 [0, 17]"]
+def test_the_always_slow_baseline_is_a_line_of_every_table(sweep):
+    """It never crashes here, and a reader sees what that costs."""
+    key = ("t_junction", "always_slow", "any")
+    cells = {("t_junction", "model", "C+CL", 6.0): (1, 20), (*key, 6.0): (0, 20)}
+    results = read_results(write_sweep(sweep, cells))
+    assert (
+        rows_of(crash_table(results, "t_junction", "model"))["always slow", "-", "ours"]["6 m/s"] == "**0/20** [0, 17]"
+    )
+    pace = [re.split(r"\s*\|\s*", line.strip("| ")) for line in pace_table(results, "t_junction", "model")]
+    assert ["C", "CL", "< 6", "-", "-"] in pace
+    assert ["always slow", "-", ">= 6", "2.5", "4.0"] in pace
+    text = write_report(sweep).read_text()
+    assert "## T-junction, perception always_slow" not in text
 
 
 def test_the_report_names_the_network_shows_its_figures_and_is_the_same_again(sweep):

@@ -1,0 +1,30 @@
+"""Every example runs as its first lines say."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).parents[1]
+
+
+def output_of(name, *arguments):
+    command = [sys.executable, str(REPOSITORY / "examples" / f"{name}.py"), *arguments]
+    result = subprocess.run(command, capture_output=True, text=True, check=False, timeout=600)
+    assert result.returncode == 0, result.stderr
+    return result.stdout
+
+
+def test_own_controller_is_compared_with_the_papers_law():
+    pytest.importorskip("gymnasium")
+    lines = output_of("own_controller", "--episodes", "1", "--speed", "6").splitlines()
+    assert [line[:15].strip() for line in lines] == ["the paper's law", "own controller"]
+    assert "0/1 crashes" in lines[0]  # nobody is hit at 6 m/s by who knows everything
+
+
+def test_own_perception_sees_walkers_and_the_turning_vehicle():
+    text = output_of("own_perception", "--episodes", "1")
+    assert [float(m) > 8 for m in re.findall(r"first detection ([\d.]+) m", text)] == [True, True]
+    assert text.count("contact none") == 2
