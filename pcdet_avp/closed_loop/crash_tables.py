@@ -115,8 +115,10 @@ def _gain(tally: Tally, alone: Tally) -> float | None:
 
 def _names(perception: str, combo: str) -> tuple[str, str]:
     """The sensors of vehicle and roadside."""
+    if perception == BASELINE:
+        return "always slow", NOTHING
     vehicle, _, roadside = combo.partition("+")
-    return (perception.replace("_", " ") if perception == BASELINE else vehicle), roadside or NOTHING
+    return vehicle, roadside or vehicle  # "any" stands for either's
 
 
 def _crash_cells(tally: Tally, speeds: list[float], missing: str) -> list[str]:

@@ -39,7 +39,7 @@ PERCEPTIONS = {
     "los": "whatever a sensor of the combination has in line of sight is known (the limit of the sensors' places)",
     "blind": "nothing is ever perceived",
     "model": "the trained network",
-    "always_slow": "a walker is feared beside the lane, always: half the cruising speed",
+    "always_slow": "half the cruising speed near every gap and junction, whatever is there",
 }
 
 
@@ -124,8 +124,8 @@ def _crash_part(results: Results, scenario: str, perception: str, head: str) -> 
 
 def _pace_part(results: Results, scenario: str, perception: str, head: str) -> list[str]:
     return [
-        f"**{head}: what safety costs.** How fast the car gets on at its maximum safe speed. `always slow` is a car",
-        "that drives at half the cruising speed whatever it sees: crashes alone would let it win.",
+        f"**{head}: what safety costs.** How fast the car gets on at its maximum safe speed. The baseline `always slow`",
+        "halves its speed near every gap and junction whatever it sees: by crashes alone it would win.",
         "",
         *pace_table(results, scenario, perception),
     ]

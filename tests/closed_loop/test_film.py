@@ -6,6 +6,7 @@ import pytest
 
 from pcdet_avp.closed_loop import film
 from pcdet_avp.closed_loop.episode import EpisodeSettings
+from pcdet_avp.closed_loop.episode_log import ROW_FIELDS, EpisodeRow
 from pcdet_avp.closed_loop.episode_picture import (
     ALONE_COLOR,
     BEHIND_M,
@@ -16,6 +17,7 @@ from pcdet_avp.closed_loop.episode_picture import (
     EpisodePainter,
     Moment,
 )
+from pcdet_avp.closed_loop.film_sweep import telling_cases
 from pcdet_avp.closed_loop.oracle import Oracle
 from pcdet_avp.closed_loop.perceiver import Perceived, PerceiverSettings
 from pcdet_avp.closed_loop.recording import record_episode
@@ -50,12 +52,13 @@ def recording():
 
 def test_a_recorded_world_shows_at_every_tick_what_was_seen_then(recording):
     """Walkers are released while the episode runs, between ticks; the replay knows when."""
-    oracle, ticks = Oracle(PerceiverSettings(TINY)), range(len(recording.log.times))
-    awake = [tick for tick in ticks if recording.log.perceived[tick] is not None]
+    oracle, log = Oracle(PerceiverSettings(TINY)), recording.log
+    all_released = max(recording.seek(0).actor(t.object_id).trajectory.start_s for t in recording.scenario.threats)
+    awake = [k for k, seen in enumerate(log.perceived) if seen is not None and log.times[k] > all_released]
     assert len(awake) > 50
     for tick in [*awake[::7], awake[3]]:  # and back again
         again = oracle.perceive(recording.seek(tick), tick, recording.combo)
-        np.testing.assert_allclose(again.boxes, recording.log.perceived[tick].boxes, atol=1e-9)
+        np.testing.assert_allclose(again.boxes, log.perceived[tick].boxes, atol=1e-9)
 
 
 def test_the_car_alone_is_asked_at_the_same_ticks(recording):
@@ -106,3 +109,14 @@ def test_a_strip_has_its_cursor_at_its_share_of_the_time():
     assert sorted(set(changed)) == pytest.approx([LEFT_PX + 0.25 * span, LEFT_PX + span], abs=1)
     rows = np.nonzero(np.abs(strip.at(8.0)[:, 300].astype(int) - [255, 0, 0]).max(-1) < 90)[0]
     assert rows.mean() == pytest.approx((28 + 100 - 26) / 2, abs=1)  # 5 of 10 is half-way between the borders
+
+
+def test_the_slowest_crash_is_the_telling_episode_or_else_the_fastest_drive():
+    def row(combo, speed, trial, outcome):
+        values = dict.fromkeys(ROW_FIELDS)
+        names = {"scenario": "t_junction", "perception": "los", "combo": combo, "speed": speed, "trial": trial}
+        return EpisodeRow(**(values | names | {"outcome": outcome}))
+
+    rows = [row("C+none", 8.0, 0, "front"), row("C+none", 7.0, 3, "side"), row("C+none", 7.0, 1, "front")]
+    rows += [row("C+none", 3.0, 0, "none"), row("C+CL", 8.0, 1, "none"), row("C+CL", 8.0, 0, "none")]
+    assert [case[2:] for case in telling_cases(rows)] == [("C+none", 7.0, 1), ("C+CL", 8.0, 0)]
