@@ -28,3 +28,20 @@ def test_own_perception_sees_walkers_and_the_turning_vehicle():
     text = output_of("own_perception", "--episodes", "1")
     assert [float(m) > 8 for m in re.findall(r"first detection ([\d.]+) m", text)] == [True, True]
     assert text.count("contact none") == 2
+
+
+def test_the_example_of_the_page_on_the_closed_loop_films_an_episode(monkeypatch):
+    """Its code is run as it stands there; only the drawing is left out."""
+    from pcdet_avp.closed_loop import film
+
+    calls = []
+    monkeypatch.setattr(film, "film_episode", lambda *arguments: calls.append(arguments))
+    monkeypatch.chdir(REPOSITORY)
+    page = (REPOSITORY / "docs" / "closed_loop.md").read_text()
+    code = next(block for block in re.findall(r"```python\n(.+?)```", page, re.DOTALL) if "film_episode" in block)
+    exec(code, {})
+    (scenario, perceiver, combo, cfg, file, _), *more = calls
+    assert not more
+    assert (scenario.name, scenario.cruising, combo.name, file.suffix) == ("t_junction", 8.0, "C+CL", ".mp4")
+    assert perceiver.perceive(scenario.world(), 0, combo).missed is not None  # los knows what it misses
+    assert "SENSORS" in cfg

@@ -124,8 +124,9 @@ def _crash_part(results: Results, scenario: str, perception: str, head: str) -> 
 
 def _pace_part(results: Results, scenario: str, perception: str, head: str) -> list[str]:
     return [
-        f"**{head}: what safety costs.** How fast the car gets on at its maximum safe speed. The baseline `always slow`",
-        "halves its speed near every gap and junction whatever it sees: by crashes alone it would win.",
+        f"**{head}: what safety costs.** How fast the car gets on at its maximum safe speed.",
+        "The baseline `always slow` halves its speed near every gap and junction, whatever is there: it brakes for",
+        "nothing, and by crashes alone it might win.",
         "",
         *pace_table(results, scenario, perception),
     ]
