@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -46,16 +46,20 @@ def film_episode(
     file: Path,
     title: str,
     settings: EpisodeSettings | None = None,
+    every: int = 2,
 ) -> EpisodeLog:
     """Drive an episode and write it to ``file`` (a video; ``<stem>_stills.jpg`` beside it). Returns the episode's log.
 
-    The cameras that are shown come from ``data_cfg["SENSORS"]``. ``title`` says which perception drives.
+    The cameras that are shown come from ``data_cfg["SENSORS"]``. ``title`` says which perception drives. ``every``:
+    2 shows every other tick. The film runs in real time.
     """
     settings = settings or EpisodeSettings()
     recording = record_episode(scenario, perceiver, combo, settings)
     film = Film(recording, Rig.from_config(data_cfg["SENSORS"]), title, settings)
     ticks = film.ticks()
-    write_video(file, film.pictures(tqdm(ticks, unit="tick", desc=f"filming {file.name}")), 1 / settings.tick_s)
+    shown = tqdm(ticks[::-every][::-1], unit="picture", desc=f"filming {file.name}")
+    fps = 1 / (every * settings.tick_s)
+    write_video(file, film.pictures(shown, hold=round(HOLD_S * fps)), fps)
     stills = [film.picture(tick) for tick in _still_ticks(ticks, recording.log)]
     write_picture(file.with_name(f"{file.stem}_stills.jpg"), np.vstack(stills))
     return recording.log
@@ -79,14 +83,12 @@ class Film:
         first = awake[0] - round(LEAD_IN_S / self._tick_s) if awake else 0
         return range(max(first, 0), len(self._recording.log.times))
 
-    def pictures(self, ticks) -> Iterator[np.ndarray]:
-        """One picture a tick, and the last one held."""
-        image = None
+    def pictures(self, ticks: Iterable[int], hold: int) -> Iterator[np.ndarray]:
+        """One picture for each of the ticks, the last one ``hold`` times more."""
         for tick in ticks:
             image = self.picture(tick)
             yield image
-        for _ in range(round(HOLD_S / self._tick_s) if image is not None else 0):
-            yield image
+        yield from (image for _ in range(hold))
 
     def picture(self, tick: int) -> np.ndarray:
         """(810, 1440, 3) uint8 RGB."""

@@ -72,16 +72,17 @@ def test_what_the_car_alone_would_have_wanted_is_to_go_on(recording):
     assert recording.log.targets.min() < 8.0
 
 
-def test_a_film_has_a_picture_for_every_tick_and_holds_the_last(tmp_path, monkeypatch):
-    monkeypatch.setattr(film.Film, "ticks", lambda self: range(120, 124))
-    monkeypatch.setattr(film, "HOLD_S", 0.1)
+def test_a_film_shows_every_second_tick_up_to_the_last_and_holds_it(tmp_path, monkeypatch):
+    monkeypatch.setattr(film.Film, "ticks", lambda self: range(120, 125))
+    monkeypatch.setattr(film, "HOLD_S", 0.2)
     scenario, file = draw_scenario("t_junction", 0, 1, 8.0), tmp_path / "a.mp4"
     log = film.film_episode(scenario, WithRoadsideOnly(), SensorSet.parse("C+CL"), TINY, file, "t")
     assert log.outcome == "none"
     capture, images = cv2.VideoCapture(str(file)), []
     while (got := capture.read())[0]:
         images.append(got[1])
-    assert len(images) == 4 + 2
+    assert len(images) == 3 + 2
+    assert capture.get(cv2.CAP_PROP_FPS) == 10
     assert images[0].shape == (810, 1440, 3)
     assert cv2.imread(str(tmp_path / "a_stills.jpg")).shape == (4 * 810, 1440, 3)
 
