@@ -25,6 +25,7 @@ from pcdet_avp.engine.outputs import RunFolder, open_log
 from pcdet_avp.engine.pictures import detection_picture
 from pcdet_avp.engine.testing import THRESHOLDS_KEY, load_network
 from pcdet_avp.errors import ConfigError
+from pcdet_avp.evaluation.detections_file import write_detections
 from pcdet_avp.visualization.video import write_picture, write_video
 
 
