@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 
-from pcdet_avp.errors import ConfigError
 from pcdet_avp.link.header import MapStamp
 from pcdet_avp.link.nr_v2x import NrV2xConfig
-from pcdet_avp.link.packet import decode, encode
+from pcdet_avp.link.packet import decode
 from pcdet_avp.models.compression.bev_codec import Latent
-from pcdet_avp.models.compression.latent_arrays import to_arrays
+from pcdet_avp.models.compression.map_packets import MapPacker, as_latent
 
 
 class Wire:
@@ -21,10 +19,7 @@ class Wire:
 
     def __init__(self, codec: nn.Module, max_segment_bytes: int = NrV2xConfig().max_segment_bytes) -> None:
         """``codec`` is the network's; segments fit one transport block by default."""
-        self._precisions = {name: getattr(of_modality, "precision", None) for name, of_modality in codec.codecs.items()}
-        if None in self._precisions.values():
-            raise ConfigError("--wire: MODEL.COMPRESSION sends maps as they are; there is no packet for that")
-        self._max_segment_bytes = max_segment_bytes
+        self._packer = MapPacker(codec, max_segment_bytes, "--wire")
         self._sent: dict[str, list[int]] = {}
         self._maps = 0
 
@@ -40,18 +35,13 @@ class Wire:
     def _transmit(self, latent: Latent, modality: str) -> Latent:
         values, received = torch.zeros_like(latent.values), torch.zeros_like(latent.received)
         for row in latent.received.flatten(1).any(1).nonzero().flatten().tolist():
-            known = decode(self._encode(latent.values[row], modality))
-            values[row] = torch.from_numpy(known.values).to(values)
-            received[row] = torch.from_numpy(known.present).to(received)
+            known = as_latent(decode(self._pack(latent.values[row], modality)), values.device)
+            values[row], received[row] = known.values[0], known.received[0]
         return Latent(values, received)
 
-    def _encode(self, values: Tensor, modality: str) -> list[bytes]:
+    def _pack(self, values: Tensor, modality: str) -> list[bytes]:
         """Segments of one map (c, h, w). The stamp is a counter: frames of a test have no clock."""
-        precision = self._precisions[modality]
-        exponents = to_arrays(values, precision).exponents
-        stamp = MapStamp(self._maps, 0, modality, 0.0, 0.0, 0.0)
+        payloads = self._packer.pack(values, MapStamp(self._maps, 0, modality, 0.0, 0.0, 0.0))
         self._maps += 1
-        array = np.ascontiguousarray(values.detach().cpu().numpy())
-        payloads = encode(array, stamp, self._max_segment_bytes, precision, exponents)
         self._sent.setdefault(modality, []).append(sum(map(len, payloads)))
         return payloads

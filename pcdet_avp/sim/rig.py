@@ -1,12 +1,13 @@
 """The sensors of both agents (paper, table "Parameter Settings of Sensors") and the capture of a frame.
 
-``capture(world, rig, key)`` is the one way from the garage to a ``Frame``: data set and closed loop both use it.
+``capture(world, rig, key)`` is the one way from the garage to a ``Frame``, for the data set. ``observe``, for the
+closed loop, is the same without the ground truth.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -78,34 +79,60 @@ def capture(world: World, rig: Rig, key: Sequence[int], frame_id: str, sources: 
     ``key`` (for example seed, scene, frame) fixes all sensor noise; each sensor has a random stream of its own,
     so that a sensor's data do not depend on which others are captured.
     """
-    users = world.road_users()
-    hits = np.zeros((len(users.object_ids), len(SOURCES)), np.int64)
-    views = {}
+    ego, infra, instances = _observe_both(world, rig, key, sources)
+    return Frame(frame_id, world.time_s, ego, infra, _labels(world, rig, instances))
+
+
+def observe(world: World, rig: Rig, key: Sequence[int], frame_id: str, sources: Sequence[str]) -> Frame:
+    """The same frame without its ground truth: all that a vehicle on the road has."""
+    ego, infra, _ = _observe_both(world, rig, key, sources)
+    return Frame(frame_id, world.time_s, replace(ego, depth=None), replace(infra, depth=None))
+
+
+def _observe_both(
+    world: World, rig: Rig, key: Sequence[int], sources: Sequence[str]
+) -> tuple[AgentView, AgentView, dict[str, np.ndarray]]:
+    """Both agents' views, and per source the instance number behind each of its pixels or points."""
+    views, instances = [], {}
     for agent, pose, agent_rig, tracer in (
-        ("ego", world.world_from_ego, rig.ego, world.ego_tracer()),
-        ("infra", world.world_from_infra, rig.infra, world.infra_tracer()),
+        ("ego", world.world_from_ego, rig.ego, world.ego_tracer),
+        ("infra", world.world_from_infra, rig.infra, world.infra_tracer),
     ):
         wanted = [source for source in sources if source.startswith(agent)]
-        views[agent], instances = _observe(agent, pose, agent_rig, tracer, world, key, wanted)
-        for source, instance in instances.items():
-            hits[:, SOURCES.index(source)] = count_instances(instance, users.object_ids)
+        view, behind = _observe(agent, pose, agent_rig, tracer, world, key, wanted)
+        views.append(view)
+        instances |= behind
+    return *views, instances
+
+
+def _labels(world: World, rig: Rig, instances: Mapping[str, np.ndarray]) -> Labels:
+    """The ground truth of every road user, and how often each of them was hit."""
+    users = world.road_users()
+    hits = np.zeros((len(users), len(SOURCES)), np.int64)
+    for source, instance in instances.items():
+        hits[:, SOURCES.index(source)] = count_instances(instance, users.object_ids)
     boxes = transform_boxes(world.world_from_ego.inverse(), users.boxes)
     seen = visible_vertices(world.ego_tracer(), rig.ego.camera, world.world_from_ego, users)
-    labels = Labels(boxes, users.names, users.object_ids, seen, hits)
-    return Frame(frame_id, world.time_s, views["ego"], views["infra"], labels)
+    return Labels(boxes, users.names, users.object_ids, seen, hits)
 
 
 def _observe(
-    agent: str, pose: Pose, rig: AgentRig, tracer: RayTracer, world: World, key: Sequence[int], sources: Sequence[str]
+    agent: str,
+    pose: Pose,
+    rig: AgentRig,
+    tracer: Callable[[], RayTracer],
+    world: World,
+    key: Sequence[int],
+    sources: Sequence[str],
 ) -> tuple[AgentView, dict[str, np.ndarray]]:
     """One agent's view, and per source the instance number behind each of its pixels or points."""
     instances: dict[str, np.ndarray] = {}
     image = depth = points = scan = None
     if f"{agent}_camera" in sources:
-        rendered = render(tracer, rig.camera, pose, world.lighting, sensor_rng(key, f"{agent}_camera"))
+        rendered = render(tracer(), rig.camera, pose, world.lighting, sensor_rng(key, f"{agent}_camera"))
         image, depth, instances[f"{agent}_camera"] = rendered.image, rendered.depth, rendered.instance
     if f"{agent}_lidar" in sources:
-        scan, behind = sweep(tracer, rig.lidar, pose, rig.lidar_noise, sensor_rng(key, f"{agent}_lidar"))
+        scan, behind = sweep(tracer(), rig.lidar, pose, rig.lidar_noise, sensor_rng(key, f"{agent}_lidar"))
         points, instances[f"{agent}_lidar"] = scan.points(), behind
     return AgentView(pose, rig.camera, image, depth, points, scan), instances
 

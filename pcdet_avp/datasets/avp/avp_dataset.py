@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import torch
@@ -14,7 +13,8 @@ from pcdet_avp.config import require
 from pcdet_avp.datasets.avp.augment import Augmentor
 from pcdet_avp.datasets.avp.collate import collate
 from pcdet_avp.datasets.avp.manifest import MANIFEST_FILE, read_manifest
-from pcdet_avp.datasets.avp.prepare import PrepareConfig, prepare
+from pcdet_avp.datasets.avp.network_input import NetworkInput
+from pcdet_avp.datasets.avp.prepare import prepare
 from pcdet_avp.datasets.avp.record import read_frame
 from pcdet_avp.errors import ConfigError, RecordError
 from pcdet_avp.evaluation import Detections, GroundTruth, Region, evaluate
@@ -45,12 +45,12 @@ class AvpDataset(torch.utils.data.Dataset):
         split: str | None = None,
     ) -> None:
         self.dataset_cfg, self.training, self.logger = dataset_cfg, training, logger
-        self.class_names = list(class_names)
         self.root_path = Path(root_path if root_path is not None else require(dataset_cfg, "DATA_PATH", str))
         self.split = split or require(dataset_cfg, f"DATA_SPLIT.{self.mode}", str)
         self.sensor_set = SensorSet.parse(require(dataset_cfg, "SENSOR_SET", str))
+        for name, value in vars(NetworkInput.from_config(dataset_cfg, class_names)).items():
+            setattr(self, name, value)  # the attributes that OpenPCDet's detectors read back
         self.frame_ids = self._find_frames()
-        self._set_geometry(PrepareConfig.from_config(dataset_cfg, class_names))
         self.data_augmentor = Augmentor(dataset_cfg.get("DATA_AUGMENTOR")) if training else None
         self.seed = int((dataset_cfg.get("DATA_AUGMENTOR") or {}).get("SEED", 0))
         # Shared memory: workers that were started earlier see what the main process sets, and count together.
@@ -73,20 +73,6 @@ class AvpDataset(torch.utils.data.Dataset):
         if self.logger is not None:
             self.logger.info("%s: %d frames in split %s", self.root_path, len(frame_ids), self.split)
         return frame_ids
-
-    def _set_geometry(self, config: PrepareConfig) -> None:
-        """The attributes that OpenPCDet's detectors read back."""
-        grid = config.grid
-        self.prepare_config = config
-        self.point_cloud_range = np.array(grid.range, np.float32)
-        self.voxel_size = [float(v) for v in self.dataset_cfg["VOXEL_SIZE"]]
-        layers = round((grid.z_max_m - grid.z_min_m) / self.voxel_size[2])
-        self.grid_size = np.array([grid.width, grid.height, layers], np.int64)  # x, y, z
-        self.depth_downsample_factor = config.depth_downsample
-        self.point_feature_encoder = SimpleNamespace(
-            num_point_features=config.point_features,
-            used_feature_list=list(self.dataset_cfg["POINT_FEATURE_ENCODING"]["used_feature_list"]),
-        )
 
     @property
     def mode(self) -> str:

@@ -43,6 +43,10 @@ class MapCodec(nn.Module):
             latent, loss = self.sparsify(F.max_pool2d(self.reduce(full_precision(x)), self.pooling))
             return round_to(latent, self.precision) + 0.0, loss  # + 0.0: no negative zeros
 
+    def latent_shape(self, height: int, width: int) -> tuple[int, int, int]:
+        """(C / 8, H / 2, W / 2) of a map of this many rows and columns."""
+        return self.reduce.out_channels, height // self.pooling, width // self.pooling
+
     def decompress(self, latent: Tensor) -> Tensor:
         """(B, C / 8, H / 2, W / 2) -> (B, C, H, W).
 

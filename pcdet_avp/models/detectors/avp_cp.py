@@ -12,6 +12,7 @@ from torch import Tensor, nn
 
 from pcdet_avp.errors import SensorError
 from pcdet_avp.models.checkpoint_file import read_checkpoint
+from pcdet_avp.models.compression.bev_codec import ROADSIDE, Latent
 from pcdet_avp.models.detectors.build import build_modules
 from pcdet_avp.models.detectors.map_dropout import drop_roadside_maps, drop_segments
 from pcdet_avp.models.detectors.post_processing import PostProcessing
@@ -19,6 +20,7 @@ from pcdet_avp.models.detectors.weights import load_weights
 from pcdet_avp.registry import DETECTORS
 from pcdet_avp.structures.sensor_set import SOURCES
 
+VEHICLE = tuple(source for source in SOURCES if source not in ROADSIDE)
 Link = Callable[[dict], dict]
 
 
@@ -65,9 +67,19 @@ class AvpCp(nn.Module):
         check_sources(batch_dict)
         if self.training and self.map_dropout:
             batch_dict = drop_roadside_maps(batch_dict, self.map_dropout, int(self.global_step))
-        batch_dict = self.encode(batch_dict)
-        batch_dict = self.codec.compress(batch_dict)
-        batch_dict = {**batch_dict, "latents": link(self._on_the_air(batch_dict))}
+        batch_dict = self.codec.compress(self.encode(batch_dict))
+        return self.fuse_and_detect({**batch_dict, "latents": link(self._on_the_air(batch_dict))})
+
+    def encode_roadside(self, batch_dict: dict) -> dict[str, Latent]:
+        """What the roadside sends, by source; of the batch only the roadside's sensors and poses are read."""
+        return self.codec.compress(self.encode(batch_dict, ROADSIDE))["latents"]
+
+    def encode_vehicle(self, batch_dict: dict) -> dict:
+        """The batch with the vehicle's own maps; of the batch only the vehicle's sensors are read."""
+        return self.encode(batch_dict, VEHICLE)
+
+    def fuse_and_detect(self, batch_dict: dict) -> dict:
+        """From the vehicle's maps and ``latents``, what it received (of no source: nothing), to the head's boxes."""
         for stage in (self.codec.decompress, self.warp, self.fuser, self.backbone_2d, self.dense_head):
             batch_dict = stage(batch_dict)
         return batch_dict

@@ -27,13 +27,15 @@ class WarpToEgo(nn.Module):
         """
         Args: batch_dict:
             bev_maps[infra_*] (B, C, H, W), bev_valid[infra_*] (B, 1, H, W) bool, on the infra grid
-            ego_from_infra (B, 4, 4)
+            ego_from_infra (B, 4, 4); ego_from_sender {source: (B, 4, 4)}, optional: of single maps instead
         Returns: batch_dict with both replaced by their ego-grid counterparts; out of range is absent.
         """
         maps, masks = dict(batch_dict["bev_maps"]), dict(batch_dict["bev_valid"])
+        poses = batch_dict.get("ego_from_sender", {})
         for source in INFRA_SOURCES:
             if source in maps:
-                maps[source], masks[source] = warp(maps[source], masks[source], batch_dict["ego_from_infra"], self.grid)
+                pose = poses.get(source, batch_dict["ego_from_infra"])
+                maps[source], masks[source] = warp(maps[source], masks[source], pose, self.grid)
         return {**batch_dict, "bev_maps": maps, "bev_valid": masks}
 
 
