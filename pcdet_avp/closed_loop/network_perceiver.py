@@ -1,0 +1,96 @@
+"""The trained network in the loop: the one place where garage and network meet.
+
+Every tick: both agents observe, the roadside encodes its maps to bytes, the link carries what it can, and the
+vehicle fuses what it holds with what it sees itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import torch
+
+from pcdet_avp.closed_loop import driving_network
+from pcdet_avp.closed_loop.downlink import Downlink
+from pcdet_avp.closed_loop.driving_network import DrivingNetwork
+from pcdet_avp.closed_loop.link_options import LinkOptions
+from pcdet_avp.closed_loop.onboard import Maps, Onboard
+from pcdet_avp.closed_loop.perceiver import Message, Perceived, PerceiverSettings
+from pcdet_avp.closed_loop.roadside_unit import RoadsideUnit
+from pcdet_avp.link.channel import IdealChannel
+from pcdet_avp.sim.episodes import Scenario
+from pcdet_avp.sim.rig import Rig, observe
+from pcdet_avp.sim.world import World
+from pcdet_avp.structures.frame import Frame
+from pcdet_avp.structures.pose import Pose
+from pcdet_avp.structures.sensor_set import SOURCES, SensorSet
+
+LINK_STREAM, LOCALISATION_STREAM = 0, 1  # of an episode's randomness, beside the sensors'
+
+
+def build_network_perceiver(settings: PerceiverSettings) -> NetworkPerceiver:
+    """What ``--perception model`` names. With one torch thread: episodes run side by side."""
+    options = LinkOptions.of(settings.link, settings.options)
+    driving = driving_network.load(settings.cfg_file, settings.overrides, settings.ckpt)
+    torch.set_num_threads(1)
+    return NetworkPerceiver(driving, options)
+
+
+class NetworkPerceiver:
+    """A roadside unit, a link and a vehicle. What it finds follows from the episode's key, world and ticks alone."""
+
+    def __init__(self, driving: DrivingNetwork, options: LinkOptions) -> None:
+        self._driving, self._options, self._rig = driving, options, Rig.from_config(driving.sensors)
+        ideal = options.link == "ideal"
+        segment_bytes = IdealChannel.max_segment_bytes if ideal else options.nr_v2x().max_segment_bytes
+        self._unit = RoadsideUnit(driving, segment_bytes)
+
+    @property
+    def facts(self) -> Mapping[str, Any]:
+        """Where the weights come from: checkpoint, iterations, weights_hash, score_thresholds."""
+        return self._driving.facts
+
+    def begin(self, scenario: Scenario, seed_key: Sequence[int]) -> None:
+        """A vehicle that has heard nothing yet."""
+        self._name, self._key = f"{scenario.name}/{scenario.trial}", tuple(seed_key)
+        self._downlink = Downlink(self._options, self._stream(LINK_STREAM))
+        self._vehicle = Onboard(self._driving, 1e-3 * self._options.hold_ms)
+        self._true_from_believed = drawn_error(self._options, self._stream(LOCALISATION_STREAM))
+        self._sent_bytes: dict[tuple[str, int], int] = {}
+
+    def perceive(self, world: World, tick: int, combo: SensorSet) -> Perceived:
+        """Sensors that ``combo`` lacks capture and send nothing; maps received earlier are used while they are held."""
+        sources = [source for source, used in zip(SOURCES, combo.mask, strict=True) if used]
+        frame = observe(world, self._rig, (*self._key, tick), f"{self._name}/{tick}", sources)
+        if combo.uses_infra:
+            self._send(frame, combo, tick)
+        self._vehicle.hear(self._downlink.receive(frame.time_s))
+        held = self._vehicle.held(frame.time_s)
+        believed = frame.ego.world_from_agent @ self._true_from_believed
+        found = self._vehicle.detect(frame, combo.ego_camera, combo.ego_lidar, believed, held)
+        return Perceived(found.boxes, found.names, found.scores, self._messages(held, frame.time_s))
+
+    def _send(self, frame: Frame, combo: SensorSet, tick: int) -> None:
+        packets = self._unit.packets(frame, combo.infra_camera, combo.infra_lidar, tick)
+        for source, payloads in packets.items():
+            self._sent_bytes[source, tick] = sum(map(len, payloads))
+            self._downlink.offer(source, payloads, frame.time_s)
+
+    def _messages(self, held: Maps, time_s: float) -> tuple[Message, ...]:
+        now_us = round(1e6 * time_s)
+        return tuple(
+            Message(source, self._sent_bytes[source, known.stamp.frame_id], (now_us - known.stamp.time_us) / 1e6)
+            for source, known in held.items()
+        )
+
+    def _stream(self, number: int) -> np.random.Generator:
+        return np.random.default_rng(np.random.SeedSequence(self._key, spawn_key=(number,)))
+
+
+def drawn_error(options: LinkOptions, generator: np.random.Generator) -> Pose:
+    """true_from_believed: the vehicle's error about its own pose, in its own frame."""
+    x, y, yaw = generator.standard_normal(3)
+    yaw *= np.radians(options.yaw_noise_deg)
+    return Pose.from_xyz_yaw(x * options.position_noise_m, y * options.position_noise_m, yaw=yaw)
