@@ -90,9 +90,10 @@ def recorded_rays() -> Iterator[list[Rays]]:
     queries: list[Rays] = []
 
     def recording(name: str, function: Callable) -> Callable:
-        def query(tracer, origins, directions, limits=FAR_M):
-            queries.append((name, tuple(a.copy() for a in ray_arrays(origins, directions, limits))))
-            return function(tracer, origins, directions, limits)
+        def query(tracer, origins, directions, limits=FAR_M, *asked):
+            rays = directions[asked[0]] if asked else directions
+            queries.append((name, tuple(a.copy() for a in ray_arrays(origins, rays, limits))))
+            return function(tracer, origins, directions, limits, *asked)
 
         return query
 

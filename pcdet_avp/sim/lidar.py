@@ -44,9 +44,9 @@ def sweep(
     """
     kept = np.flatnonzero(rng.random(model.beams * model.columns, dtype=np.float32) >= noise.drop_off)
     rotation = world_from_agent.rotation.astype(np.float32)
-    directions = _rotated_rows(model.directions().reshape(-1, 3), kept, rotation)
+    directions = _rotated(model.directions().reshape(-1, 3), rotation)
     origin = (world_from_agent @ model.agent_from_lidar).translation.astype(np.float32)
-    hits = tracer.cast(origin, directions, np.float32(MAX_RANGE_M))
+    hits = tracer.cast(origin, directions, np.float32(MAX_RANGE_M), kept)
     distance = hits.distance
     if noise.range_noise_m > 0:
         distance = distance + noise.range_noise_m * rng.standard_normal(len(distance), dtype=np.float32)
@@ -60,10 +60,10 @@ def sweep(
 
 
 @numba.njit(cache=True)
-def _rotated_rows(directions, rows, rotation):
-    out = np.empty((rows.size, 3), np.float32)
-    for i in range(rows.size):
-        x, y, z = directions[rows[i], 0], directions[rows[i], 1], directions[rows[i], 2]
+def _rotated(directions, rotation):
+    out = np.empty((len(directions), 3), np.float32)
+    for i in range(len(directions)):
+        x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
         for k in range(3):
             out[i, k] = rotation[k, 0] * x + rotation[k, 1] * y + rotation[k, 2] * z
     return out

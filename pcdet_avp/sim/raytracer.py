@@ -2,7 +2,8 @@
 
 A world keeps several ``TriangleScene``: what stands still for a whole episode is built once, what moves is
 rebuilt every tick, and a ray takes the nearer hit. Rays of one origin are put to a small scene only where they point
-at one of its instances, shadow rays only where nothing blocked them before. Directions need not be unit vectors;
+at one of its instances, shadow rays only where nothing blocked them before. A sensor that stands still asks what
+stands still only once. Directions need not be unit vectors;
 distances are in units of their length.
 """
 
@@ -17,7 +18,9 @@ import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
+from pcdet_avp.sim.face_room import FaceRoom
 from pcdet_avp.sim.mesh import Mesh
+from pcdet_avp.sim.standing_views import StandingViews
 
 NO_FACE = -1
 FAR_M = np.float32(1e6)
@@ -38,14 +41,17 @@ class Hits:
 class TriangleScene:
     """Meshes of several instances in one Embree BVH.
 
-    ``instance`` (F,) int32 holds the number that each part was given, for every face.
+    ``instance`` (F,) int32 holds the number that each part was given, for every face; ``colors``, ``materials`` and
+    ``normals`` are the mesh's.
     """
 
     def __init__(self, parts: Sequence[tuple[Mesh, int]]) -> None:
         self.mesh = Mesh.merge([mesh for mesh, _ in parts]) if parts else _empty_mesh()
         counts = [len(mesh.faces) for mesh, _ in parts]
         self.instance = np.repeat(np.array([number for _, number in parts], np.int32), counts)
+        self.colors, self.materials, self.normals = self.mesh.colors, self.mesh.materials, self.mesh.normals
         self._spheres = np.array([_bounding_sphere(mesh) for mesh, _ in parts], np.float32).reshape(-1, 4)
+        self._views = StandingViews()
         self._embree = EmbreeScene()
         if len(self.mesh.faces):
             TriangleMesh(self._embree, self.mesh.vertices, self.mesh.faces)
@@ -60,6 +66,15 @@ class TriangleScene:
         if len(self._spheres) > MOST_CONES or (distance2 <= radius2).any():
             return None
         return np.flatnonzero(_in_a_cone(directions, offset, distance2 - radius2))
+
+    def recall(self, origin: np.ndarray, directions: np.ndarray, limit: float) -> dict[str, np.ndarray] | None:
+        """First hits of rays from one origin (3,) that were cast before (see ``StandingViews``), not to be changed."""
+
+        def ask(*rays: np.ndarray) -> dict[str, np.ndarray]:
+            found = self.first_hits(*ray_arrays(*rays))
+            return {key: found[key] for key in ("tfar", "primID", "u", "v")}
+
+        return self._views.recall(origin, directions, limit, ask)
 
     def first_hits(self, origins: np.ndarray, directions: np.ndarray, limits: np.ndarray) -> dict[str, np.ndarray]:
         """Embree's own answer for rays that end at ``limits`` (R,)."""
@@ -76,20 +91,31 @@ class RayTracer:
     origins (3,) or (R, 3), directions (R, 3) and limits (scalar or (R,)) are float32, in the scenes' frame.
     """
 
-    def __init__(self, scenes: Sequence[TriangleScene]) -> None:
+    def __init__(self, scenes: Sequence[TriangleScene], room: FaceRoom | None = None) -> None:
+        """``room`` holds the tables by face; the next tracer in the same room overwrites them."""
         self.scenes = [scene for scene in scenes if len(scene)]
+        self._room = FaceRoom() if room is None else room
 
-    def cast(self, origins: np.ndarray, directions: np.ndarray, limits: float | np.ndarray = FAR_M) -> Hits:
-        """First hit of every ray."""
+    def cast(
+        self,
+        origins: np.ndarray,
+        directions: np.ndarray,
+        limits: float | np.ndarray = FAR_M,
+        asked: np.ndarray | None = None,
+    ) -> Hits:
+        """First hit of every ray, or of the rays ``asked`` (K,), by index, alone.
+
+        The others tell which rays a sensor casts as a whole: if it stands still, the first scene is asked only once.
+        """
         origin = np.float32(origins) if np.ndim(origins) == 1 else None
+        hits = None if origin is None or np.ndim(limits) else self._recalled(origin, directions, limits, asked)
+        directions = directions if asked is None else directions[asked]
         origins, directions, limits = ray_arrays(origins, directions, limits)
-        hits, first_face = None, 0
-        for scene in self.scenes:
+        first_face = 0 if hits is None else len(self.scenes[0])
+        for scene in self.scenes[hits is not None :]:
             rows = None if origin is None else scene.candidates(origin, directions)
             if hits is None and rows is None:
-                found = scene.first_hits(origins, directions, limits)
-                hits = Hits(found["tfar"], found["primID"] + np.int32(first_face), found["u"], found["v"])
-                hits.face[found["primID"] < 0] = NO_FACE
+                hits = _as_hits(scene.first_hits(origins, directions, limits), first_face)
             else:
                 hits = hits or _no_hits(limits)
                 rows = np.arange(len(limits)) if rows is None else rows
@@ -100,6 +126,15 @@ class RayTracer:
         hits = hits or _no_hits(limits)
         hits.distance[hits.face == NO_FACE] = FAR_M
         return hits
+
+    def _recalled(self, origin: np.ndarray, directions: np.ndarray, limit: float, asked: np.ndarray | None):
+        """What the first scene answered to these rays before; None where that is not known."""
+        if not self.scenes:
+            return None
+        found = self.scenes[0].recall(origin, directions, limit)
+        if found is None:
+            return None
+        return _as_hits({key: a.copy() if asked is None else a[asked] for key, a in found.items()}, 0)
 
     def occluded(self, origins: np.ndarray, directions: np.ndarray, limits: float | np.ndarray = FAR_M) -> np.ndarray:
         """Mask (R,) of rays that meet anything before their limit."""
@@ -113,26 +148,29 @@ class RayTracer:
     @cached_property
     def instance(self) -> np.ndarray:
         """(F,) int32 instance number of every face."""
-        return self._joined([scene.instance for scene in self.scenes], (0,), np.int32)
+        return self._room.joined("instance", self.scenes, (), np.int32)
 
     @cached_property
     def colors(self) -> np.ndarray:
         """(F, 3) float32 linear RGB."""
-        return self._joined([scene.mesh.colors for scene in self.scenes], (0, 3), np.float32)
+        return self._room.joined("colors", self.scenes, (3,), np.float32)
 
     @cached_property
     def materials(self) -> np.ndarray:
         """(F,) uint8 of ``Material``."""
-        return self._joined([scene.mesh.materials for scene in self.scenes], (0,), np.uint8)
+        return self._room.joined("materials", self.scenes, (), np.uint8)
 
     @cached_property
     def normals(self) -> np.ndarray:
         """(F, 3, 3) float32 corner normals."""
-        return self._joined([scene.mesh.normals for scene in self.scenes], (0, 3, 3), np.float32)
+        return self._room.joined("normals", self.scenes, (3, 3), np.float32)
 
-    @staticmethod
-    def _joined(arrays, shape, dtype) -> np.ndarray:
-        return np.concatenate(arrays) if arrays else np.zeros(shape, dtype)
+
+def _as_hits(found: dict[str, np.ndarray], first_face: int) -> Hits:
+    """Embree's answer as hits; a ray that met nothing keeps how far it was to go."""
+    hits = Hits(found["tfar"], found["primID"] + np.int32(first_face), found["u"], found["v"])
+    hits.face[found["primID"] < 0] = NO_FACE
+    return hits
 
 
 def _no_hits(limits: np.ndarray) -> Hits:

@@ -15,6 +15,7 @@ from pcdet_avp.errors import GeometryError
 from pcdet_avp.sim.actors import Actor, Car, box_at, pose_at, released, stands
 from pcdet_avp.sim.building import building_mesh
 from pcdet_avp.sim.cars import CarSpec, car_mesh
+from pcdet_avp.sim.face_room import FaceRoom
 from pcdet_avp.sim.garage import GarageLayout
 from pcdet_avp.sim.lights import Lighting, headlamps_of
 from pcdet_avp.sim.mesh import Mesh
@@ -54,6 +55,7 @@ class World:
         self._actors = {actor.object_id: actor for actor in actors}
         if len(self._actors) != len(actors) or any(number < 0 for number in self._actors):
             raise GeometryError(f"world: object ids must differ and be >= 0, found {[a.object_id for a in actors]}")
+        self._ego_room, self._infra_room = FaceRoom(), FaceRoom()
         self._cache: dict[str, RoadUsers | list[tuple[Mesh, int]] | TriangleScene | RayTracer] = {}
         self.set_ego(layout.road_start_x, layout.lane_y, 0.0)
 
@@ -120,7 +122,7 @@ class World:
 
     def ego_tracer(self) -> RayTracer:
         """What the ego's sensors can hit: all but itself."""
-        return self._cached("ego_tracer", lambda: RayTracer([self.static_scene, self.moving_scene()]))
+        return self._cached("ego_tracer", lambda: RayTracer([self.static_scene, self.moving_scene()], self._ego_room))
 
     def infra_tracer(self) -> RayTracer:
         """What the mast's sensors can hit: all, the ego included."""
@@ -129,7 +131,7 @@ class World:
     def _build_infra_tracer(self) -> RayTracer:
         """The ego is among those that move: one small scene more would cost every ray a query more."""
         ego = car_mesh(EGO_SPEC).transformed(self.world_from_ego), EGO_INSTANCE
-        return RayTracer([self.static_scene, TriangleScene([*self._movers(), ego])])
+        return RayTracer([self.static_scene, TriangleScene([*self._movers(), ego])], self._infra_room)
 
     def _movers(self) -> list[tuple[Mesh, int]]:
         """Mesh and object id of everybody on a trajectory, where they are now."""

@@ -80,3 +80,33 @@ def test_leaving_out_rays_that_point_past_every_instance_changes_no_hit():
 def test_an_eye_inside_an_instance_sees_it():
     tracer = RayTracer([TriangleScene([cube(0, 5)])])
     np.testing.assert_allclose(tracer.cast(np.zeros(3, np.float32), AHEAD).distance, 1, atol=1e-6)
+
+
+def test_a_sensor_that_stands_still_meets_the_same_without_asking_again(monkeypatch):
+    rng = np.random.default_rng(3)
+    still = TriangleScene([cube(x, int(x)) for x in np.linspace(4, 80, 60)])  # more instances than cones
+    directions = (rng.normal(size=(5000, 3)) + [2, 0, 0]).astype(np.float32)
+    asked, queries = np.flatnonzero(rng.random(5000) < 0.9), []
+    first_hits = TriangleScene.first_hits
+    monkeypatch.setattr(
+        TriangleScene, "first_hits", lambda scene, *rays: queries.append(len(rays[2])) or first_hits(scene, *rays)
+    )
+
+    def look(eye, rays):
+        far = np.float32(65)
+        moving = TriangleScene([cube(3 + 0.5 * len(queries), 99)])  # who moves is asked about every time
+        moving.first_hits = lambda *rays: first_hits(moving, *rays)
+        hits = RayTracer([still, moving]).cast(eye, rays, far, asked)
+        plain = RayTracer([still, moving])
+        each = plain.cast(np.tile(eye, (len(asked), 1)), rays[asked], far)
+        queries.pop()  # that of ``plain``
+        for name in ("distance", "face", "u", "v"):
+            np.testing.assert_array_equal(getattr(hits, name), getattr(each, name))
+
+    eye = np.zeros(3, np.float32)
+    for _ in range(4):
+        look(eye, directions)
+    assert queries == [len(asked), 5000]  # the first time those asked for, the second time all, then none
+    look(eye, directions[::-1])  # other rays from there
+    look(eye + np.float32(0.1), directions)  # and the same from elsewhere
+    assert queries == [len(asked), 5000, len(asked), len(asked)]
