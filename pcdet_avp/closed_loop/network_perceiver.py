@@ -15,6 +15,7 @@ import torch
 from pcdet_avp.closed_loop import driving_network
 from pcdet_avp.closed_loop.downlink import Downlink
 from pcdet_avp.closed_loop.driving_network import DrivingNetwork
+from pcdet_avp.closed_loop.freed_memory import keep_freed_memory
 from pcdet_avp.closed_loop.link_options import LinkOptions
 from pcdet_avp.closed_loop.onboard import Maps, Onboard
 from pcdet_avp.closed_loop.perceiver import Message, Perceived, PerceiverSettings
@@ -35,6 +36,7 @@ def build_network_perceiver(settings: PerceiverSettings) -> NetworkPerceiver:
     options = LinkOptions.of(settings.link, settings.options)
     driving = driving_network.load(settings.cfg_file, settings.overrides, settings.ckpt)
     torch.set_num_threads(1)
+    keep_freed_memory()
     return NetworkPerceiver(driving, options)
 
 

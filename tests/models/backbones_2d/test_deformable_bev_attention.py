@@ -46,9 +46,12 @@ def random_attention(stride=1, channels=8):
     return attention
 
 
-def test_equals_the_loop_inside_and_outside_the_map():
+@pytest.mark.parametrize("training", [True, False])
+def test_equals_the_loop_inside_and_outside_the_map(training):
     inputs = random_inputs(torch.Generator().manual_seed(0))
-    torch.testing.assert_close(deformable_sum(*inputs), naive_sum(*inputs), atol=1e-5, rtol=1e-5)
+    with torch.set_grad_enabled(training):
+        found = deformable_sum(*inputs)
+    torch.testing.assert_close(found, naive_sum(*inputs), atol=1e-5, rtol=1e-5)
 
 
 def test_gradients_by_finite_differences():
