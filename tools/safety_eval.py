@@ -3,6 +3,7 @@
     python tools/safety_eval.py --scenario pedestrian --perception oracle          no data, no weights; seconds
     python tools/safety_eval.py --scenario t_junction --perception los --search    the edge only
     python tools/safety_eval.py --cfg C --ckpt F --scenario pedestrian_late --perception model
+    python tools/safety_eval.py --cfg C --ckpt F --scenario t_junction --perception model --link nr_v2x --mcs 14
 
 Writes episodes.csv, summary.json and wall_times.csv; the same command goes on where it stopped.
 """
@@ -14,6 +15,7 @@ import time
 from pathlib import Path
 
 from pcdet_avp.cli import config_parser, run_tool
+from pcdet_avp.closed_loop.link_options import add_link_arguments
 from pcdet_avp.closed_loop.perceiver import PERCEIVERS
 from pcdet_avp.closed_loop.setup import sweep_meta, sweep_of
 from pcdet_avp.closed_loop.summary import crash_table, summary, write_results
@@ -34,10 +36,10 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--trials", type=int, default=20, help="episodes per cell (default: 20)")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--search", action="store_true", help="seek the edge of safety instead of filling the table")
-    parser.add_argument("--link", default="ideal", help="ideal or nr_v2x, for --perception model")
     parser.add_argument("--workers", type=int, default=2, help="processes (default: 2)")
     parser.add_argument("--scheduler", help="address of a running Dask scheduler (tcp://host:port)")
     parser.add_argument("--out", type=Path, help="default: output/safety_eval/SCENARIO_PERCEPTION")
+    add_link_arguments(parser)
     return parser.parse_args()
 
 

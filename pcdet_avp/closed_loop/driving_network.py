@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -53,8 +54,13 @@ def untrained(cfg: Mapping, seed: int = 0) -> DrivingNetwork:
     return DrivingNetwork(network, network_input, cfg["DATA_CONFIG"]["SENSORS"], facts)
 
 
-def load(cfg_file: str | None, overrides: Sequence[str], ckpt: str | None, device: str = "cpu") -> DrivingNetwork:
-    """The network of a configuration with the weights of a checkpoint; a process reads them once."""
+def load(
+    cfg_file: str | None, overrides: Sequence[str], ckpt: str | None, sha256: str | None = None, device: str = "cpu"
+) -> DrivingNetwork:
+    """The network of a configuration with the weights of a checkpoint; a process reads them once.
+
+    ``sha256`` is what the file must hash to: nobody must drive with other weights because training went on.
+    """
     if cfg_file is None or ckpt is None:
         missing = "--cfg FILE" if cfg_file is None else "--ckpt FILE"
         raise ConfigError(f"--perception model needs a configuration and trained weights: give {missing}")
@@ -62,13 +68,17 @@ def load(cfg_file: str | None, overrides: Sequence[str], ckpt: str | None, devic
         written_ns = Path(ckpt).stat().st_mtime_ns
     except OSError as error:
         raise CheckpointError(f"{ckpt}: cannot read this checkpoint ({error.strerror})") from error
-    return _load(str(cfg_file), tuple(overrides), str(ckpt), written_ns, device)
+    return _load(str(cfg_file), tuple(overrides), str(ckpt), written_ns, sha256, device)
 
 
 @lru_cache(maxsize=1)
-def _load(cfg_file: str, overrides: tuple[str, ...], ckpt: str, _written_ns: int, device: str) -> DrivingNetwork:
+def _load(
+    cfg_file: str, overrides: tuple[str, ...], ckpt: str, _written_ns: int, sha256: str | None, device: str
+) -> DrivingNetwork:
     """``_written_ns`` makes a file that was written anew be read anew."""
     cfg, content = apply_overrides(load_config(cfg_file), list(overrides)), read_checkpoint(ckpt)
+    if sha256 is not None and hashlib.sha256(Path(ckpt).read_bytes()).hexdigest() != sha256:
+        raise CheckpointError(f"{ckpt}: was written anew meanwhile; give a checkpoint that stays as it is")
     driving = untrained(cfg)
     load_model(driving.network, content, ckpt)
     thresholds = content.get(THRESHOLDS_KEY) or {}

@@ -34,7 +34,7 @@ LINK_STREAM, LOCALISATION_STREAM = 0, 1  # of an episode's randomness, beside th
 def build_network_perceiver(settings: PerceiverSettings) -> NetworkPerceiver:
     """What ``--perception model`` names. With one torch thread: episodes run side by side."""
     options = LinkOptions.of(settings.link, settings.options)
-    driving = driving_network.load(settings.cfg_file, settings.overrides, settings.ckpt)
+    driving = driving_network.load(settings.cfg_file, settings.overrides, settings.ckpt, settings.ckpt_sha256)
     torch.set_num_threads(1)
     keep_freed_memory()
     return NetworkPerceiver(driving, options)

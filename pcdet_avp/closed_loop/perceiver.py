@@ -65,13 +65,15 @@ class PerceiverSettings:
     """What a perceiver is built from: plain values only, so that they travel to a worker.
 
     ``data_cfg`` is DATA_CONFIG as a plain dict (``SENSORS``, ``POINT_CLOUD_RANGE``, ``VOXEL_SIZE``). The rest is read
-    by ``model`` alone: the configuration file and its ``--set`` overrides, the checkpoint, the link, further options.
+    by ``model`` alone: the configuration file and its ``--set`` overrides, the checkpoint, the SHA-256 of its file
+    (None: any), and the link with its options (see ``link_options``).
     """
 
     data_cfg: Mapping[str, Any]
     cfg_file: str | None = None
     overrides: tuple[str, ...] = ()
     ckpt: str | None = None
+    ckpt_sha256: str | None = None
     link: str = "ideal"
     options: Mapping[str, Any] = field(default_factory=dict)
 

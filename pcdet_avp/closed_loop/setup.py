@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from pcdet_avp.closed_loop.episode import EpisodeSettings
+from pcdet_avp.closed_loop.link_options import LinkOptions, given_link_options
 from pcdet_avp.closed_loop.perceiver import SENSORLESS
 from pcdet_avp.closed_loop.sweep import Sweep
 from pcdet_avp.config import apply_overrides, config_hash, load_config, plain, require
@@ -27,9 +28,9 @@ def sweep_of(args: argparse.Namespace, loop_file: Path) -> Sweep:
     EpisodeSettings.from_config(closed_loop)  # raises where a key or a value is wrong
     perceiver = {"data_cfg": {key: plain(require(cfg, f"DATA_CONFIG.{key}")) for key in SENSING_KEYS}}
     if args.perception == "model":
-        perceiver |= {"cfg_file": args.cfg, "overrides": overrides, "ckpt": args.ckpt, "link": args.link}
-    elif args.ckpt or args.link != "ideal":
-        raise ConfigError(f"--ckpt and --link belong to --perception model, found {args.perception}")
+        perceiver |= _network(args, overrides)
+    elif args.ckpt or args.link != "ideal" or given_link_options(args):
+        raise ConfigError(f"--ckpt, --link and its options belong to --perception model, found {args.perception}")
     return Sweep(
         scenario=args.scenario,
         perception=args.perception,
@@ -42,6 +43,14 @@ def sweep_of(args: argparse.Namespace, loop_file: Path) -> Sweep:
         identity={args.perception: _identity(args, cfg, perceiver)},
         search=args.search,
     )
+
+
+def _network(args: argparse.Namespace, overrides: tuple[str, ...]) -> dict[str, Any]:
+    """What ``model`` alone is built from."""
+    options = given_link_options(args)
+    LinkOptions.of(args.link, options)  # raises where they cannot be
+    files = {"cfg_file": args.cfg, "overrides": overrides, "ckpt": args.ckpt, "ckpt_sha256": file_hash(args.ckpt)}
+    return {**files, "link": args.link, "options": options}
 
 
 def split_overrides(words: list[str]) -> tuple[list[str], tuple[str, ...]]:
@@ -57,7 +66,8 @@ def _identity(args: argparse.Namespace, cfg: dict, perceiver: dict[str, Any]) ->
         return {}
     if args.perception != "model":
         return {"data_cfg": perceiver["data_cfg"]}
-    return {"config_hash": config_hash(cfg), "weights": file_hash(args.ckpt), "link": args.link}
+    weights = perceiver["ckpt_sha256"]
+    return {"config_hash": config_hash(cfg), "weights": weights, **{key: perceiver[key] for key in ("link", "options")}}
 
 
 def file_hash(path: str | None) -> str:
@@ -77,4 +87,10 @@ def sweep_meta(args: argparse.Namespace, sweep: Sweep, started: float) -> dict[s
     cfg = apply_overrides(load_config(args.cfg), list(overrides))
     weights = sweep.identity[sweep.perception].get("weights")
     meta = provenance(cfg, Path(args.cfg).stem, seed=sweep.seed, weights_hash=weights, started=started)
-    return {**meta, "closed_loop": dict(sweep.closed_loop), "search": sweep.search, "link": args.link}
+    return {
+        **meta,
+        "closed_loop": dict(sweep.closed_loop),
+        "search": sweep.search,
+        "link": args.link,
+        "link_options": given_link_options(args),
+    }

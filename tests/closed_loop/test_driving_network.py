@@ -1,5 +1,6 @@
 """Weights for driving: read once, of this configuration, with the thresholds that were chosen for driving."""
 
+import hashlib
 from pathlib import Path
 
 import numpy as np
@@ -68,3 +69,10 @@ def test_weights_of_another_configuration_are_named(ckpt):
 def test_missing_weights_are_named():
     with pytest.raises(CheckpointError, match=r"nowhere.pth: cannot read this checkpoint"):
         driving_network.load(CFG, (), "nowhere.pth")
+
+
+def test_weights_that_changed_meanwhile_are_refused(ckpt):
+    right = hashlib.sha256(Path(ckpt).read_bytes()).hexdigest()
+    assert driving_network.load(CFG, (), ckpt, right).facts["iterations"] == 12
+    with pytest.raises(CheckpointError, match=r"tiny.pth: was written anew meanwhile"):
+        driving_network.load(CFG, (), ckpt, "0" * 64)

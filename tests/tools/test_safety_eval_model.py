@@ -1,0 +1,68 @@
+"""``tools/safety_eval.py --perception model`` as a user meets it: an episode from end to end, and what is refused."""
+
+import csv
+import sys
+from pathlib import Path
+
+import pytest
+
+from pcdet_avp.closed_loop.driving_network import untrained
+from pcdet_avp.config import load_config
+from pcdet_avp.engine.checkpoint import save
+from pcdet_avp.engine.testing import THRESHOLDS_KEY
+from pcdet_avp.errors import CheckpointError, ConfigError
+
+CFGS = Path(__file__).parents[2] / "cfgs" / "avp"
+
+
+@pytest.fixture(scope="module")
+def ckpt(tmp_path_factory):
+    """A network that has learnt nothing and is sure of nothing: the ego drives on."""
+    path = tmp_path_factory.mktemp("weights") / "tiny.pth"
+    state = untrained(load_config(CFGS / "cp_tiny.yaml")).network.state_dict()
+    save(path, {"model_state": state, THRESHOLDS_KEY: {"Car": 0.9, "Pedestrian": 0.9}})
+    return path
+
+
+@pytest.fixture
+def drive(load_tool, tmp_path, monkeypatch):
+    """``drive(*arguments)``: the tool's main; the folder of its results."""
+
+    def run(*arguments):
+        words = ["safety_eval", "--cfg", CFGS / "cp_tiny.yaml", "--scenario", "t_junction", "--combos", "C+C"]
+        words += ["--speeds", 9, "--trials", 1, "--workers", 1, "--out", tmp_path, "--perception", *arguments]
+        monkeypatch.setattr(sys, "argv", [str(word) for word in words])
+        load_tool("safety_eval").main()
+        return tmp_path
+
+    return run
+
+
+def test_an_episode_over_a_lossy_link(drive, ckpt):
+    folder = drive("model", "--ckpt", ckpt, "--link", "nr_v2x", "--block_loss", 0.3)
+    with (folder / "episodes.csv").open() as file:
+        (row,) = [row for row in csv.DictReader(file) if row["perception"] == "model"]
+    assert row["outcome"] != "none"  # nothing was detected, so nobody braked
+    assert float(row["mean_speed"]) == pytest.approx(9.0)
+    assert int(row["messages"]) > 10
+    assert 500 < float(row["message_bytes"]) < 10_000
+    assert 0.05 <= float(row["message_age_s"]) < 0.1  # a tick at least, and seldom two
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        (("model",), ConfigError, "needs trained weights: give --ckpt FILE"),
+        (("model", "--ckpt", "nowhere.pth"), CheckpointError, "nowhere.pth"),
+        (("model", "--ckpt", "CKPT", "--delay_ms", 50), ConfigError, "--delay_ms: an ideal link has no such thing"),
+        (("los", "--link", "nr_v2x"), ConfigError, "belong to --perception model"),
+    ],
+)
+def test_what_cannot_be_is_refused_before_anything_starts(drive, ckpt, arguments, error, message):
+    with pytest.raises(error, match=message):
+        drive(*(ckpt if word == "CKPT" else word for word in arguments))
+
+
+def test_weights_of_another_configuration_are_refused(drive, ckpt):
+    with pytest.raises(CheckpointError, match=r"tiny.pth: made with another configuration"):
+        drive("model", "--ckpt", ckpt, "--set", "MODEL.BACKBONE_2D.NUM_FILTERS", "[16, 24]")
