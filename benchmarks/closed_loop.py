@@ -18,6 +18,7 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from unittest.mock import patch
 
@@ -100,6 +101,7 @@ def measure(job: tuple[argparse.Namespace, int]) -> dict[str, np.ndarray]:
 def measure_combo(args: argparse.Namespace, trial: int, combo: str) -> np.ndarray:
     cfg = load_config(args.cfg)
     driving = driving_network.load(args.cfg, (), args.ckpt) if args.ckpt else driving_network.untrained(cfg)
+    driving = replace(driving, amp=args.use_amp)
     scenario = draw_scenario(args.scenario, args.seed, trial, args.speed)
     perceiver, world = NetworkPerceiver(driving, LinkOptions(args.link)), scenario.world()
     perceiver.begin(scenario, scenario.seed_key)
@@ -128,6 +130,7 @@ def parse_arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cfg", default="cfgs/avp/cp_small.yaml")
     parser.add_argument("--ckpt", help="checkpoint; without it the weights are random")
+    parser.add_argument("--use_amp", action="store_true", help="compute in bf16")
     parser.add_argument("--scenario", choices=list(SCENARIOS), default="t_junction")
     parser.add_argument("--combos", default="all")
     parser.add_argument("--link", choices=LINKS, default="ideal")
@@ -141,7 +144,7 @@ def parse_arguments() -> argparse.Namespace:
 def main() -> None:
     args = parse_arguments()
     weights = Path(args.ckpt).name if args.ckpt else "random weights"
-    print(f"{Path(args.cfg).stem}, {weights}, {args.scenario}, {args.link} link")
+    print(f"{Path(args.cfg).stem}, {weights}, {args.scenario}, {args.link} link{', bf16' if args.use_amp else ''}")
     print(f"{args.ticks} ticks, workers: {args.workers}")
     jobs = [(args, trial) for trial in range(args.workers)]
     measured = [measure(jobs[0])] if args.workers == 1 else list(run_tasks(measure, jobs, args.workers))

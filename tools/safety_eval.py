@@ -31,6 +31,7 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--scenario", required=True, metavar="S", help=", ".join(SCENARIOS))
     parser.add_argument("--perception", required=True, metavar="P", help=", ".join(PERCEIVERS))
     parser.add_argument("--ckpt", help="trained weights, for --perception model")
+    parser.add_argument("--use_amp", action="store_true", help="compute in bf16; a tenth faster on CPUs that have it")
     parser.add_argument("--combos", default="all", help="all, or names between commas: C+none,C+CL")
     parser.add_argument("--speeds", nargs="+", type=float, default=SPEEDS_MPS, help="cruising speeds (m/s)")
     parser.add_argument("--trials", type=int, default=20, help="episodes per cell (default: 20)")

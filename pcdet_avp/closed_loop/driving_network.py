@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import logging
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,13 @@ class DrivingNetwork:
     input: NetworkInput
     sensors: Mapping[str, Any]  # DATA_CONFIG.SENSORS
     facts: Mapping[str, Any]
+    amp: bool = False  # compute in bf16 where that is safe, as training with --use_amp does
+
+    @contextmanager
+    def computing(self) -> Iterator[None]:
+        """What the network runs in: no gradients, the chosen precision."""
+        with torch.inference_mode(), torch.autocast(self.device.type, torch.bfloat16, enabled=self.amp):
+            yield
 
     @property
     def device(self) -> torch.device:
@@ -55,7 +63,7 @@ def untrained(cfg: Mapping, seed: int = 0) -> DrivingNetwork:
 
 
 def load(
-    cfg_file: str | None, overrides: Sequence[str], ckpt: str | None, sha256: str | None = None, device: str = "cpu"
+    cfg_file: str | None, overrides: Sequence[str], ckpt: str | None, sha256: str | None = None, amp: bool = False
 ) -> DrivingNetwork:
     """The network of a configuration with the weights of a checkpoint; a process reads them once.
 
@@ -68,12 +76,12 @@ def load(
         written_ns = Path(ckpt).stat().st_mtime_ns
     except OSError as error:
         raise CheckpointError(f"{ckpt}: cannot read this checkpoint ({error.strerror})") from error
-    return _load(str(cfg_file), tuple(overrides), str(ckpt), written_ns, sha256, device)
+    return _load(str(cfg_file), tuple(overrides), str(ckpt), written_ns, sha256, amp)
 
 
 @lru_cache(maxsize=1)
 def _load(
-    cfg_file: str, overrides: tuple[str, ...], ckpt: str, _written_ns: int, sha256: str | None, device: str
+    cfg_file: str, overrides: tuple[str, ...], ckpt: str, _written_ns: int, sha256: str | None, amp: bool
 ) -> DrivingNetwork:
     """``_written_ns`` makes a file that was written anew be read anew."""
     cfg, content = apply_overrides(load_config(cfg_file), list(overrides)), read_checkpoint(ckpt)
@@ -89,7 +97,7 @@ def _load(
         "weights_hash": weights_hash(content["model_state"]),
         THRESHOLDS_KEY: dict(thresholds),
     }
-    return DrivingNetwork(driving.network.to(device), driving.input, driving.sensors, facts)
+    return replace(driving, facts=facts, amp=amp)
 
 
 def _use_thresholds(driving: DrivingNetwork, thresholds: Mapping[str, float], ckpt: str) -> None:

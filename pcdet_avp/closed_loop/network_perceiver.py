@@ -7,6 +7,7 @@ vehicle fuses what it holds with what it sees itself.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,9 @@ LINK_STREAM, LOCALISATION_STREAM = 0, 1  # of an episode's randomness, beside th
 def build_network_perceiver(settings: PerceiverSettings) -> NetworkPerceiver:
     """What ``--perception model`` names. With one torch thread: episodes run side by side."""
     options = LinkOptions.of(settings.link, settings.options)
-    driving = driving_network.load(settings.cfg_file, settings.overrides, settings.ckpt, settings.ckpt_sha256)
+    driving = driving_network.load(
+        settings.cfg_file, settings.overrides, settings.ckpt, settings.ckpt_sha256, settings.use_amp
+    )
     torch.set_num_threads(1)
     keep_freed_memory()
     return NetworkPerceiver(driving, options)
@@ -44,7 +47,7 @@ class NetworkPerceiver:
     """A roadside unit, a link and a vehicle. What it finds follows from the episode's key, world and ticks alone."""
 
     def __init__(self, driving: DrivingNetwork, options: LinkOptions) -> None:
-        self._driving, self._options, self._rig = driving, options, Rig.from_config(driving.sensors)
+        self._driving, self._options, self._rig = driving, options, rig_ahead(driving)
         ideal = options.link == "ideal"
         segment_bytes = IdealChannel.max_segment_bytes if ideal else options.nr_v2x().max_segment_bytes
         self._unit = RoadsideUnit(driving, segment_bytes)
@@ -89,6 +92,22 @@ class NetworkPerceiver:
 
     def _stream(self, number: int) -> np.random.Generator:
         return np.random.default_rng(np.random.SeedSequence(self._key, spawn_key=(number,)))
+
+
+def rig_ahead(driving: DrivingNetwork) -> Rig:
+    """The sensors that the network was trained with; of a full turn of the vehicle's LiDAR, the half that lies ahead.
+
+    The other half is outside the vehicle's map, which begins at the LiDAR. The rays that are left are the same.
+    """
+    rig, grid = Rig.from_config(driving.sensors), driving.input.prepare_config.grid
+    lidar = rig.ego.lidar
+    behind = lidar.agent_from_lidar.translation[0] <= grid.x_min_m and np.allclose(
+        lidar.agent_from_lidar.rotation, np.eye(3)
+    )
+    if not behind or lidar.columns % 4 or not np.isclose(lidar.azimuth_span, 2 * np.pi):
+        return rig
+    ahead = replace(lidar, columns=lidar.columns // 2, azimuth_span=np.pi)
+    return replace(rig, ego=replace(rig.ego, lidar=ahead))
 
 
 def drawn_error(options: LinkOptions, generator: np.random.Generator) -> Pose:

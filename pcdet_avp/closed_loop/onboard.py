@@ -51,13 +51,13 @@ class Onboard:
         boxes, scores = (found[0][key].cpu().double().numpy() for key in ("pred_boxes", "pred_scores"))
         return Detections(frame.frame_id, boxes, names, scores)
 
-    @torch.inference_mode()
     def run(self, frame: Frame, camera: bool, lidar: bool, world_from_ego: Pose, held: Maps) -> dict:
         """As ``detect``, up to the head's boxes and logits (see ``AnchorHeadSingle``)."""
         sample = prepare(frame, SensorSet(camera, lidar, False, False), self._driving.input.prepare_config)
         batch_dict = load_batch(collate([sample]), self._driving.device)
-        batch_dict = self._driving.network.encode_vehicle(batch_dict)
-        return self._driving.network.fuse_and_detect({**batch_dict, **self._received(world_from_ego, held)})
+        network, received = self._driving.network, self._received(world_from_ego, held)
+        with self._driving.computing():
+            return network.fuse_and_detect({**network.encode_vehicle(batch_dict), **received})
 
     def _received(self, world_from_ego: Pose, held: Maps) -> dict:
         """``latents`` and ``ego_from_sender`` of the maps in ``held``."""

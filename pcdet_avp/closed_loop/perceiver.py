@@ -66,7 +66,7 @@ class PerceiverSettings:
 
     ``data_cfg`` is DATA_CONFIG as a plain dict (``SENSORS``, ``POINT_CLOUD_RANGE``, ``VOXEL_SIZE``). The rest is read
     by ``model`` alone: the configuration file and its ``--set`` overrides, the checkpoint, the SHA-256 of its file
-    (None: any), and the link with its options (see ``link_options``).
+    (None: any), whether it computes in bf16, and the link with its options (see ``link_options``).
     """
 
     data_cfg: Mapping[str, Any]
@@ -74,6 +74,7 @@ class PerceiverSettings:
     overrides: tuple[str, ...] = ()
     ckpt: str | None = None
     ckpt_sha256: str | None = None
+    use_amp: bool = False
     link: str = "ideal"
     options: Mapping[str, Any] = field(default_factory=dict)
 

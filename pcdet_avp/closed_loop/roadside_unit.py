@@ -20,7 +20,6 @@ class RoadsideUnit:
         self._driving = driving
         self._packer = MapPacker(driving.network.codec, max_segment_bytes, "--perception model")
 
-    @torch.inference_mode()
     def packets(self, frame: Frame, camera: bool, lidar: bool, number: int) -> dict[str, list[bytes]]:
         """{source: segments of its map} of the sensors in use; of the frame only the roadside's view is read.
 
@@ -28,7 +27,8 @@ class RoadsideUnit:
         """
         sample = prepare(frame, SensorSet(False, False, camera, lidar), self._driving.input.prepare_config)
         batch_dict = load_batch(collate([sample]), self._driving.device)
-        latents = self._driving.network.encode_roadside(batch_dict)
+        with self._driving.computing():
+            latents = self._driving.network.encode_roadside(batch_dict)
         return {source: self._pack(latent.values[0], source, frame, number) for source, latent in latents.items()}
 
     def _pack(self, values: torch.Tensor, source: str, frame: Frame, number: int) -> list[bytes]:

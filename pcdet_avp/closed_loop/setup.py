@@ -29,8 +29,10 @@ def sweep_of(args: argparse.Namespace, loop_file: Path) -> Sweep:
     perceiver = {"data_cfg": {key: plain(require(cfg, f"DATA_CONFIG.{key}")) for key in SENSING_KEYS}}
     if args.perception == "model":
         perceiver |= _network(args, overrides)
-    elif args.ckpt or args.link != "ideal" or given_link_options(args):
-        raise ConfigError(f"--ckpt, --link and its options belong to --perception model, found {args.perception}")
+    elif args.ckpt or args.use_amp or args.link != "ideal" or given_link_options(args):
+        raise ConfigError(
+            f"--ckpt, --use_amp, --link and its options belong to --perception model, found {args.perception}"
+        )
     return Sweep(
         scenario=args.scenario,
         perception=args.perception,
@@ -50,7 +52,7 @@ def _network(args: argparse.Namespace, overrides: tuple[str, ...]) -> dict[str, 
     options = given_link_options(args)
     LinkOptions.of(args.link, options)  # raises where they cannot be
     files = {"cfg_file": args.cfg, "overrides": overrides, "ckpt": args.ckpt, "ckpt_sha256": file_hash(args.ckpt)}
-    return {**files, "link": args.link, "options": options}
+    return {**files, "use_amp": args.use_amp, "link": args.link, "options": options}
 
 
 def split_overrides(words: list[str]) -> tuple[list[str], tuple[str, ...]]:
@@ -66,8 +68,8 @@ def _identity(args: argparse.Namespace, cfg: dict, perceiver: dict[str, Any]) ->
         return {}
     if args.perception != "model":
         return {"data_cfg": perceiver["data_cfg"]}
-    weights = perceiver["ckpt_sha256"]
-    return {"config_hash": config_hash(cfg), "weights": weights, **{key: perceiver[key] for key in ("link", "options")}}
+    weights, keys = perceiver["ckpt_sha256"], ("use_amp", "link", "options")
+    return {"config_hash": config_hash(cfg), "weights": weights, **{key: perceiver[key] for key in keys}}
 
 
 def file_hash(path: str | None) -> str:
@@ -91,6 +93,7 @@ def sweep_meta(args: argparse.Namespace, sweep: Sweep, started: float) -> dict[s
         **meta,
         "closed_loop": dict(sweep.closed_loop),
         "search": sweep.search,
+        "use_amp": args.use_amp,
         "link": args.link,
         "link_options": given_link_options(args),
     }

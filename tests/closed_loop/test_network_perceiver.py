@@ -1,5 +1,6 @@
 """The network in the loop, untrained and tiny: what reaches the vehicle, and what is left when the roadside is cut."""
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -9,7 +10,7 @@ import torch
 
 from pcdet_avp.closed_loop.driving_network import untrained
 from pcdet_avp.closed_loop.link_options import LinkOptions
-from pcdet_avp.closed_loop.network_perceiver import NetworkPerceiver, drawn_error
+from pcdet_avp.closed_loop.network_perceiver import NetworkPerceiver, drawn_error, rig_ahead
 from pcdet_avp.closed_loop.onboard import Onboard
 from pcdet_avp.closed_loop.roadside_unit import RoadsideUnit
 from pcdet_avp.config import load_config
@@ -19,13 +20,13 @@ from pcdet_avp.engine.wire import Wire
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.generate import scene_config
 from pcdet_avp.models.compression.map_packets import as_latent
+from pcdet_avp.sim.lidar import LidarNoise
 from pcdet_avp.sim.rig import Rig, capture, observe
 from pcdet_avp.sim.scenarios import draw_training_scene
 from pcdet_avp.structures.pose import Pose
 from pcdet_avp.structures.sensor_set import SENSOR_SETS, SOURCES, SensorSet
 
 CFG = load_config(Path(__file__).parents[2] / "cfgs" / "avp" / "cp_tiny.yaml")
-RIG = Rig.from_config(CFG.DATA_CONFIG.SENSORS)
 SCENARIO, KEY = SimpleNamespace(name="test", trial=3), (5, 1)
 TICK_S = 0.05
 
@@ -43,6 +44,11 @@ def driving():
     driving = untrained(CFG)
     driving.network.post_processing.min_scores = [0.0095, 0.0095]  # an untrained network is sure of nothing
     return driving
+
+
+@pytest.fixture(scope="module")
+def rig(driving):
+    return rig_ahead(driving)
 
 
 @pytest.fixture(scope="module")
@@ -71,15 +77,35 @@ def same(a, b):
 
 
 @pytest.mark.parametrize("combo", SENSOR_SETS)
-def test_the_loop_finds_what_the_test_tool_finds_in_the_same_frame(driving, scene, combo):
+def test_the_loop_finds_what_the_test_tool_finds_in_the_same_frame(driving, rig, scene, combo):
     found = drive(driving, scene, [combo])[0]
-    frame = capture(at_tick(scene, 0), RIG, (*KEY, 0), "0/0")
+    frame = capture(at_tick(scene, 0), rig, (*KEY, 0), "0/0")
     batch = load_batch(collate([prepare(frame, SENSOR_SETS[combo], driving.input.prepare_config)]), "cpu")
     with torch.no_grad():
         expected = driving.network(batch, link=Wire(driving.network.codec))[0][0]
     assert len(found.boxes) > 10
     np.testing.assert_allclose(found.scores, expected["pred_scores"], atol=1e-5)
     np.testing.assert_allclose(found.boxes, expected["pred_boxes"], atol=1e-3)
+
+
+def test_half_of_a_turn_is_all_that_the_vehicle_s_map_holds(driving, rig, scene):
+    whole = Rig.from_config(CFG.DATA_CONFIG.SENSORS).ego
+    assert rig.ego.lidar.columns == whole.lidar.columns // 2
+    world, points = at_tick(scene, 0), []
+    for sensors in (whole, rig.ego):
+        noiseless = replace(rig, ego=replace(sensors, lidar_noise=LidarNoise(0.0, 0.0, False)))
+        frame = observe(world, noiseless, KEY, "0/0", ["ego_lidar"])
+        rows = prepare(frame, SensorSet(False, True, False, False), driving.input.prepare_config)["points"]
+        points.append(rows[np.lexsort(rows.T)])
+    assert len(points[0]) > 1000
+    np.testing.assert_allclose(points[1], points[0], atol=1e-4)
+
+
+def test_bf16_finds_nearly_the_same(driving, scene):
+    exact = drive(driving, scene, ["CL+CL"])[0]
+    rough = drive(replace(driving, amp=True), scene, ["CL+CL"])[0]
+    assert not same(exact, rough)
+    np.testing.assert_allclose(rough.scores[:100], exact.scores[:100], rtol=0.05)
 
 
 def test_messages_tell_size_and_age(driving, scene):
@@ -120,19 +146,19 @@ def test_results_do_not_depend_on_what_the_process_did_before(driving, scene):
     assert all(same(a, b) and a.messages == b.messages for a, b in zip(found, expected, strict=True))
 
 
-def test_the_unit_knows_nothing_of_the_vehicle_s_sensors(driving, scene):
+def test_the_unit_knows_nothing_of_the_vehicle_s_sensors(driving, rig, scene):
     unit = RoadsideUnit(driving, 60_000)
-    everything = observe(at_tick(scene, 0), RIG, KEY, "0/0", SOURCES)
-    its_own = observe(at_tick(scene, 0), RIG, KEY, "0/0", SOURCES[2:])
+    everything = observe(at_tick(scene, 0), rig, KEY, "0/0", SOURCES)
+    its_own = observe(at_tick(scene, 0), rig, KEY, "0/0", SOURCES[2:])
     assert its_own.ego.image is None
     assert unit.packets(everything, True, True, 0) == unit.packets(its_own, True, True, 0)
 
 
-def test_an_old_map_is_placed_by_where_the_vehicle_is_now(driving, scene):
+def test_an_old_map_is_placed_by_where_the_vehicle_is_now(driving, rig, scene):
     onboard, unit = Onboard(driving, 1.0), RoadsideUnit(driving, 60_000)
-    for payloads in unit.packets(observe(at_tick(scene, 0), RIG, KEY, "0/0", SOURCES), True, True, 0).values():
+    for payloads in unit.packets(observe(at_tick(scene, 0), rig, KEY, "0/0", SOURCES), True, True, 0).values():
         onboard.hear(payloads)
-    now = observe(at_tick(scene, 10), RIG, KEY, "0/10", SOURCES)
+    now = observe(at_tick(scene, 10), rig, KEY, "0/10", SOURCES)
     held = onboard.held(now.time_s)
     found = onboard.run(now, True, False, now.ego.world_from_agent, held)
     sample = prepare(now, SensorSet.parse("C+CL"), driving.input.prepare_config)  # has the pose of this very frame
@@ -142,10 +168,10 @@ def test_an_old_map_is_placed_by_where_the_vehicle_is_now(driving, scene):
     torch.testing.assert_close(found["spatial_features"], expected["spatial_features"], atol=1e-4, rtol=1e-4)
 
 
-def test_damaged_segments_never_came(driving, scene):
+def test_damaged_segments_never_came(driving, rig, scene):
     onboard = Onboard(driving, 1.0)
     packets = RoadsideUnit(driving, 60_000).packets(
-        observe(at_tick(scene, 0), RIG, KEY, "0/0", SOURCES[2:]), True, True, 0
+        observe(at_tick(scene, 0), rig, KEY, "0/0", SOURCES[2:]), True, True, 0
     )
     onboard.hear(bytes([*payload[:50], payload[50] ^ 1, *payload[51:]]) for p in packets.values() for payload in p)
     onboard.hear([b"", b"noise"])
