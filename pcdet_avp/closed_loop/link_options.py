@@ -13,7 +13,7 @@ from pcdet_avp.link.loss import LossModel
 from pcdet_avp.link.nr_v2x import NrV2xConfig
 
 LINKS = ("ideal", "nr_v2x")
-ANY_LINK = ("hold_ms", "position_noise_m", "yaw_noise_deg")  # options that an ideal link has too
+ANY_LINK = ("hold_ms", "cut_within_s", "position_noise_m", "yaw_noise_deg")  # options that an ideal link has too
 
 
 def _option(default: Any, kind: type, sentence: str) -> Any:
@@ -42,6 +42,9 @@ class LinkOptions:
     delay_ms: float = _option(0.0, float, "delay of every block beside its air time")
     jitter_ms: float = _option(0.0, float, "further delay of every block, drawn evenly from zero to this")
     deadline_ms: float | None = _option(None, float, "blocks that arrive later after being handed over are dropped")
+    cut_within_s: float | None = _option(
+        None, float, "the roadside falls silent for good, at a time drawn evenly from zero to this after the first map"
+    )
     position_noise_m: float = _option(
         0.0, float, "standard deviation of the vehicle's idea of its x and y, per episode"
     )
@@ -50,8 +53,8 @@ class LinkOptions:
     def __post_init__(self) -> None:
         if self.link not in LINKS:
             raise ConfigError(f"--link: expected {' or '.join(LINKS)}, found {self.link!r}")
-        for name in ("hold_ms", "sensing_ms", "computing_ms", "fuse_after_ms", "position_noise_m", "yaw_noise_deg"):
-            if not getattr(self, name) >= 0:
+        for name in (*ANY_LINK, "sensing_ms", "computing_ms", "fuse_after_ms"):
+            if getattr(self, name) is not None and not getattr(self, name) >= 0:
                 raise ConfigError(f"--{name}: expected 0 or more, found {getattr(self, name)}")
         self.nr_v2x()
 

@@ -29,7 +29,7 @@ from pcdet_avp.structures.frame import Frame
 from pcdet_avp.structures.pose import Pose
 from pcdet_avp.structures.sensor_set import SOURCES, SensorSet
 
-LINK_STREAM, LOCALISATION_STREAM = 0, 1  # of an episode's randomness, beside the sensors'
+LINK_STREAM, LOCALISATION_STREAM, CUT_STREAM = 0, 1, 2  # of an episode's randomness, beside the sensors'
 
 
 def build_network_perceiver(settings: PerceiverSettings) -> NetworkPerceiver:
@@ -64,9 +64,12 @@ class NetworkPerceiver:
         self._vehicle = Onboard(self._driving, 1e-3 * self._options.hold_ms)
         self._true_from_believed = drawn_error(self._options, self._stream(LOCALISATION_STREAM))
         self._sent_bytes: dict[tuple[str, int], int] = {}
+        self._silent_from_s: float | None = None  # not known before the first map
 
     def perceive(self, world: World, tick: int, combo: SensorSet) -> Perceived:
         """Sensors that ``combo`` lacks capture and send nothing; maps received earlier are used while they are held."""
+        if combo.uses_infra and self._is_cut(world.time_s):
+            combo = replace(combo, infra_camera=False, infra_lidar=False)
         sources = [source for source, used in zip(SOURCES, combo.mask, strict=True) if used]
         frame = observe(world, self._rig, (*self._key, tick), f"{self._name}/{tick}", sources)
         if combo.uses_infra:
@@ -76,6 +79,14 @@ class NetworkPerceiver:
         believed = frame.ego.world_from_agent @ self._true_from_believed
         found = self._vehicle.detect(frame, combo.ego_camera, combo.ego_lidar, believed, held)
         return Perceived(found.boxes, found.names, found.scores, self._messages(held, frame.time_s))
+
+    def _is_cut(self, time_s: float) -> bool:
+        """Whether the roadside has fallen silent; the first time that it is asked, when it will is drawn."""
+        if self._silent_from_s is None:
+            within_s = self._options.cut_within_s
+            share = self._stream(CUT_STREAM).random()
+            self._silent_from_s = np.inf if within_s is None else time_s + share * within_s
+        return time_s > self._silent_from_s
 
     def _send(self, frame: Frame, combo: SensorSet, tick: int) -> None:
         packets = self._unit.packets(frame, combo.infra_camera, combo.infra_lidar, tick)

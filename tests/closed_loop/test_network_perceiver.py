@@ -130,6 +130,17 @@ def test_the_roadside_is_cut_at_any_tick(driving, scene, seed, link):
         assert same(perceived, expected) == (tick not in with_messages), tick
 
 
+def test_the_roadside_falls_silent_at_a_time_drawn_per_episode(driving, scene):
+    last = []
+    for key in ((5, 1), (5, 2), (5, 3)):
+        found = drive(driving, scene, ["C+C"] * 7, key, cut_within_s=0.3, hold_ms=0)
+        heard = [bool(perceived.messages) for perceived in found]
+        last.append(sum(heard))
+        assert heard == [tick < last[-1] for tick in range(7)]
+    assert min(last) >= 1
+    assert len(set(last)) > 1
+
+
 def test_a_link_that_loses_everything_is_no_roadside(driving, scene):
     found = drive(driving, scene, ["C+CL"] * 2, link="nr_v2x", block_loss=1.0)
     alone = drive(driving, scene, ["C+none"] * 2)

@@ -38,15 +38,15 @@ def drive(load_tool, tmp_path, monkeypatch):
     return run
 
 
-def test_an_episode_over_a_lossy_link(drive, ckpt):
-    folder = drive("model", "--ckpt", ckpt, "--link", "nr_v2x", "--block_loss", 0.3)
+def test_an_episode_over_a_lossy_link_that_is_cut(drive, ckpt):
+    folder = drive("model", "--ckpt", ckpt, "--link", "nr_v2x", "--block_loss", 0.3, "--cut_within_s", 2)
     with (folder / "episodes.csv").open() as file:
         (row,) = [row for row in csv.DictReader(file) if row["perception"] == "model"]
     assert row["outcome"] != "none"  # nothing was detected, so nobody braked
     assert float(row["mean_speed"]) == pytest.approx(9.0)
-    assert int(row["messages"]) > 10
+    assert 5 < int(row["messages"]) < 47  # some tick of the first 2 s was the last, and maps are held for 300 ms
     assert 500 < float(row["message_bytes"]) < 10_000
-    assert 0.05 <= float(row["message_age_s"]) < 0.1  # a tick at least, and seldom two
+    assert 0.05 <= float(row["message_age_s"]) < 0.2  # a tick at least
 
 
 @pytest.mark.parametrize(
