@@ -4,9 +4,9 @@ In a stretch of the road in front of the mast, a walker waits in every second ga
 noticing the ego, and goes into a gap on the other side. The walk is timed so that the walker would be in the middle
 of the ego's lane when the ego's front would arrive there at cruising speed, give or take 0.3 s.
 
-``pedestrian_late`` hides them better and deeper: every gap lies between a van, on the side that the ego comes from,
-and a low car that the mast looks over; pillars stand on either side of the pair. The van's end stands out into the
-road, and the walker comes from close behind it.
+``pedestrian_late`` hides them better and deeper: every bay begins, as the ego comes, with a pillar and a van whose
+tail stands out into the road, and the walker comes from close behind it; the rest of the bay are low cars, driven
+right in, over which the mast looks.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ import numpy as np
 from pcdet_avp.sim.actors import Car, Pedestrian
 from pcdet_avp.sim.cars import draw_car
 from pcdet_avp.sim.episodes import SETTLE_S, Scenario, Threat, start_before
-from pcdet_avp.sim.garage import LANE_WIDTH_M, GarageLayout, Slot
+from pcdet_avp.sim.garage import LANE_WIDTH_M, SLOT_DEPTH_M, GarageLayout, Slot
 from pcdet_avp.sim.layouts import GarageConfig, draw_layout
 from pcdet_avp.sim.lights import Lighting, draw_lighting
 from pcdet_avp.sim.pedestrians import draw_pedestrian
-from pcdet_avp.sim.traffic import draw_parked
+from pcdet_avp.sim.traffic import SLOT_CLEARANCE_M, draw_parked
 from pcdet_avp.sim.trajectories import Standing, Waypoints
 from pcdet_avp.sim.walkers import vehicle_gaps
 from pcdet_avp.structures.ego import EGO_LENGTH_M, EGO_WIDTH_M
@@ -31,6 +31,7 @@ from pcdet_avp.structures.ego import EGO_LENGTH_M, EGO_WIDTH_M
 WALKING_MPS = {"adult": 1.5, "child": 2.0}  # paper
 GOES_IN_M = 2.3  # how far a walker goes into the gap on the other side
 Parked = dict[Slot, Car]
+Way = tuple[tuple[float, float], ...]
 CLOSE_BEHIND_M = 0.4  # of a late walker's middle from the van's flank
 STEP_ASIDE_M = 0.3  # what separates a walker who has left the ego's swath from it
 
@@ -121,47 +122,63 @@ def draw_plan(cfg: CrossingConfig, seed: int, trial: int) -> CrossingPlan:
 
 
 def _vans_first(rng: np.random.Generator, cfg: CrossingConfig, layout: GarageLayout, parked: Parked) -> Parked:
-    """Vans on the ego's side of every gap, their ends out in the road; low cars beyond it, level with the road."""
-    placed = dict(parked)
-    for near, far in layout.neighbours():
-        placed[near] = _parked_out(rng, parked[near], near, "van", float(rng.uniform(*cfg.vans_out_m)))
-        placed[far] = _parked_out(rng, parked[far], far, "hatchback" if rng.random() < 0.5 else "sedan", 0.0)
+    """In every bay a van on the ego's side, its tail out in the road, then low cars driven right in."""
+    firsts, placed = _bay_firsts(layout), dict(parked)
+    for slot, car in parked.items():
+        spec = draw_car(rng, "van" if slot in firsts else "hatchback")
+        out_m = float(rng.uniform(*cfg.vans_out_m)) if slot in firsts else SLOT_CLEARANCE_M / 2
+        row_end = LANE_WIDTH_M if slot in firsts else LANE_WIDTH_M + SLOT_DEPTH_M - spec.length
+        pose = Standing(car.trajectory.x, float(np.sign(slot.y) * (row_end - out_m + spec.length / 2)), slot.heading)
+        placed[slot] = replace(car, spec=spec, trajectory=pose)
     return placed
 
 
-def _parked_out(rng: np.random.Generator, car: Car, slot: Slot, body: str, out_m: float) -> Car:
-    """Another body in the place of ``car``, its end ``out_m`` beyond the slot's end at the road."""
-    spec, pose = draw_car(rng, body), car.trajectory.at(0.0)
-    y = LANE_WIDTH_M - out_m + spec.length / 2
-    return replace(car, spec=spec, trajectory=Standing(pose.x, float(np.sign(slot.y) * y), pose.yaw))
+def _bay_firsts(layout: GarageLayout) -> set[Slot]:
+    """The slots that come first in their bays on the ego's way, and have a neighbour."""
+    pairs = layout.neighbours()
+    return {near for near, _ in pairs} - {far for _, far in pairs}
 
 
 def _used_gaps(cfg: CrossingConfig, layout: GarageLayout, parked: Parked) -> np.ndarray:
     """(G, 3) x, y, heading of the places where walkers come out of the gaps in the stretch."""
     gaps = vehicle_gaps(layout, parked)
     if cfg.vans_out_m:
-        vans = [parked[near] for near, far in layout.neighbours() if near in parked and far in parked]
-        gaps[:, 0] = [van.trajectory.x + van.spec.width / 2 + CLOSE_BEHIND_M for van in vans]
+        vans = [parked[slot] for slot in sorted(_bay_firsts(layout), key=lambda slot: slot.x) if slot in parked]
+        gaps = np.array([_beside(van) for van in vans]).reshape(-1, 3)
     return gaps[(gaps[:, 0] >= cfg.stretch_x[0]) & (gaps[:, 0] <= cfg.stretch_x[1])]
+
+
+def _beside(van: Car) -> tuple[float, float, float]:
+    """Close behind a van as the ego comes, level with its tail."""
+    pose, side = van.trajectory, np.sign(van.trajectory.y)
+    return pose.x + van.spec.width / 2 + CLOSE_BEHIND_M, side * (abs(pose.y) - van.spec.length / 2), side * np.pi / 2
 
 
 def _draw_crossing(rng, cfg: CrossingConfig, layout: GarageLayout, gap: np.ndarray, object_id: int) -> Crossing:
     """Out of a gap, across the road, into the nearest gap between slots on the other side."""
     kind = "child" if rng.random() < cfg.child_share else "adult"
     spec = draw_pedestrian(rng, kind)
-    x, mouth_y, side = float(gap[0]), float(gap[1]), float(np.sign(gap[1]))
+    points = _way_across(layout, gap, float(rng.uniform(*cfg.setback_m)), max(cfg.vans_out_m or (0.0,)))
+    clear_y = layout.lane_y - np.sign(gap[1]) * (EGO_WIDTH_M / 2 + spec.box_side / 2 + STEP_ASIDE_M)
+    meet_x, meet_after_m = _at_y(points, layout.lane_y)
+    late_s = float(rng.uniform(-cfg.spread_s, cfg.spread_s))
+    walker = Pedestrian(object_id, spec, Waypoints(points, WALKING_MPS[kind]))
+    return Crossing(walker, meet_x, meet_after_m, _at_y(points, clear_y)[1], late_s)
+
+
+def _way_across(layout: GarageLayout, gap: np.ndarray, setback_m: float, vans_out_m: float) -> Way:
+    """Straight out until past the ends of parked vehicles, over to the other side's, and straight in."""
+    x, side = float(gap[0]), float(np.sign(gap[1]))
     across = layout.slot_gaps()
     across = across[np.sign(across[:, 1]) == -side, 0]
-    there_x, edge = float(across[np.abs(across - x).argmin()]), side * LANE_WIDTH_M
-    start_y = mouth_y + side * rng.uniform(*cfg.setback_m)
-    points = ((x, start_y), (x, edge), (there_x, -edge), (there_x, -edge - side * GOES_IN_M))
-    slope = (there_x - x) / (2 * LANE_WIDTH_M)
+    there_x, edge = float(across[np.abs(across - x).argmin()]), side * (LANE_WIDTH_M - vans_out_m)
+    ends = float(gap[1]) + side * setback_m, -side * (LANE_WIDTH_M + GOES_IN_M)
+    return (x, ends[0]), (x, edge), (there_x, -edge), (there_x, ends[1])
 
-    def walked(y: float) -> float:
-        return abs(start_y - edge) + abs(edge - y) * float(np.hypot(1, slope))
 
-    clear_y = layout.lane_y - side * (EGO_WIDTH_M / 2 + spec.box_side / 2 + STEP_ASIDE_M)
-    walker = Pedestrian(object_id, spec, Waypoints(points, WALKING_MPS[kind]))
-    meet_x = x + slope * abs(edge - layout.lane_y)
-    late_s = float(rng.uniform(-cfg.spread_s, cfg.spread_s))
-    return Crossing(walker, meet_x, walked(layout.lane_y), walked(clear_y), late_s)
+def _at_y(points: Way, y: float) -> tuple[float, float]:
+    """x where a way that never turns back in y comes to ``y``, and the distance walked until then."""
+    xs, ys = np.array(points).T
+    walked = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(xs), np.diff(ys)))])
+    order = np.argsort(ys)
+    return float(np.interp(y, ys[order], xs[order])), float(np.interp(y, ys[order], walked[order]))

@@ -9,6 +9,8 @@ import socket
 import subprocess
 import sys
 import time
+from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -99,8 +101,6 @@ def test_the_summary_counts_what_the_episodes_say(reference):
 
 def test_a_walker_in_the_side_is_no_crash_but_a_vehicle_is(reference):
     rows = [entry[0] for entry in Journal(reference).finished.values()][:1]
-    from dataclasses import replace
-
     walker = replace(rows[0], outcome="side")
     vehicle = replace(walker, scenario="t_junction")
     assert (walker.crashed, vehicle.crashed) == (False, True)
@@ -121,12 +121,22 @@ def test_cases_are_paired(in_this_process):
     assert distances[0] == pytest.approx(distances[1], abs=8.0 * 0.3 + 0.5)
 
 
-def test_the_search_leaves_out_what_lies_below_the_edge(tmp_path, in_this_process):
-    speeds = (3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 12.5)
-    finished = run_sweep(asked(perception="oracle", speeds=speeds, trials=2, search=True), tmp_path)
-    tried = {case.speed for case in finished if case.perception == "oracle"}
-    assert {9.0, 12.5} <= tried
-    assert len(tried) <= 4
+def test_the_search_leaves_out_what_lies_below_the_edge(reference, tmp_path, in_this_process, monkeypatch):
+    """Against episodes that are made up: from 9 m/s on, every second trial crashes."""
+    template = next(iter(Journal(reference).finished.values()))[0]
+
+    def made_up(job):
+        outcome = "front" if job.case.speed >= 9.0 and job.case.trial % 2 else "none"
+        return replace(template, **job.case._asdict(), outcome=outcome), 0.0
+
+    monkeypatch.setattr(sweep_module, "run_case", made_up)
+    speeds = (3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0)
+    finished = run_sweep(asked(speeds=speeds, trials=20, search=True), tmp_path)
+    tried = Counter(case.speed for case in finished if case.perception == "oracle")
+    assert (tried[8.0], tried[9.0]) == (20, 20)
+    assert 3.0 not in tried
+    assert sum(tried.values()) <= 60
+    assert Counter(case.speed for case in finished if case.perception == "always_slow") == dict.fromkeys(speeds, 20)
 
 
 @pytest.mark.parametrize(

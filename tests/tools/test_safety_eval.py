@@ -1,17 +1,18 @@
 """The tool as a user meets it: files, tables, and one line for wrong input."""
 
 import json
+import runpy
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-REPOSITORY = Path(__file__).parents[2]
+TOOL = Path(__file__).parents[2] / "tools" / "safety_eval.py"
 
 
 def tool(*arguments):
-    command = [sys.executable, REPOSITORY / "tools" / "safety_eval.py", *arguments]
+    command = [sys.executable, TOOL, *arguments]
     return subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=400, check=False)
 
 
@@ -42,10 +43,15 @@ def test_blind_crashes_in_every_episode_and_the_files_say_where_they_come_from(t
         (("--link", "nr_v2x"), "--link"),
     ],
 )
-def test_wrong_input_is_one_line_and_status_2(wrong, named, tmp_path):
-    done = tool("--scenario", "pedestrian", "--perception", "oracle", "--out", tmp_path / "new", *wrong)
-    assert done.returncode == 2
-    assert done.stderr.startswith("error: ")
-    assert named in done.stderr
-    assert done.stderr.count("\n") == 1
+def test_wrong_input_is_one_line_and_status_2(wrong, named, tmp_path, monkeypatch, capsys):
+    out = str(tmp_path / "new")
+    given = ["safety_eval.py", "--scenario", "pedestrian", "--perception", "oracle", "--out", out, *wrong]
+    monkeypatch.setattr(sys, "argv", given)
+    with pytest.raises(SystemExit) as ended:
+        runpy.run_path(str(TOOL), run_name="__main__")
+    assert ended.value.code == 2
+    printed = capsys.readouterr().err
+    assert printed.startswith("error: ")
+    assert named in printed
+    assert printed.count("\n") == 1
     assert not (tmp_path / "new").exists()
