@@ -5,7 +5,8 @@
     python tools/safety_eval.py --cfg C --ckpt F --scenario pedestrian_late --perception model
     python tools/safety_eval.py --cfg C --ckpt F --scenario t_junction --perception model --link nr_v2x --mcs 14
 
-Writes episodes.csv, summary.json and wall_times.csv; the same command goes on where it stopped.
+Writes episodes.csv, summary.json, wall_times.csv and report.md with its figures, with --video films of telling
+episodes; the same command goes on where it stopped.
 """
 
 from __future__ import annotations
@@ -15,8 +16,10 @@ import time
 from pathlib import Path
 
 from pcdet_avp.cli import config_parser, run_tool
+from pcdet_avp.closed_loop.film_sweep import film_sweep
 from pcdet_avp.closed_loop.link_options import add_link_arguments
 from pcdet_avp.closed_loop.perceiver import PERCEIVERS
+from pcdet_avp.closed_loop.report import write_report
 from pcdet_avp.closed_loop.setup import sweep_meta, sweep_of
 from pcdet_avp.closed_loop.summary import crash_table, summary, write_results
 from pcdet_avp.closed_loop.sweep import run_sweep
@@ -39,6 +42,7 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--search", action="store_true", help="seek the edge of safety instead of filling the table")
     parser.add_argument("--workers", type=int, default=2, help="processes (default: 2)")
     parser.add_argument("--scheduler", help="address of a running Dask scheduler (tcp://host:port)")
+    parser.add_argument("--video", action="store_true", help="film the slowest crash, or fastest drive, of every line")
     parser.add_argument("--out", type=Path, help="default: output/safety_eval/SCENARIO_PERCEPTION")
     add_link_arguments(parser)
     return parser.parse_args()
@@ -53,7 +57,9 @@ def main() -> None:
     rows = [finished[case][0] for case in sorted(finished) if case.scenario == args.scenario]
     print(f"\ncrashes of trials by cruising speed, {args.scenario}\n")
     print(crash_table(summary(rows)["cells"], sorted(sweep.speeds)))
-    print(f"\nwritten to {out}")
+    print(f"\nwrote {write_report(out)}")
+    for film in film_sweep(sweep, finished, out / "videos") if args.video else ():
+        print(f"wrote {film}")
 
 
 if __name__ == "__main__":

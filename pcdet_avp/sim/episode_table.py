@@ -18,7 +18,7 @@ LATE = CrossingConfig(
     occupancy=1.0,
     child_share=0.75,
     setback_m=(2.8, 3.2),
-    vans_out_m=(0.3, 0.5),
+    vans_out_m=(0.4, 0.55),
 )
 SCENARIOS: dict[str, Callable[[int, int, float], Scenario]] = {
     "pedestrian": partial(crossing_episode, "pedestrian", CrossingConfig()),
