@@ -34,7 +34,6 @@ from pcdet_avp.structures.pose import Pose
 from pcdet_avp.structures.sensor_set import SensorSet
 
 LARGEST_DATAGRAM = 65_535
-MAX_AGE_US = 500_000
 TICK_S, PAUSE_S = 0.05, 0.005
 
 
@@ -46,6 +45,7 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--wait", type=float, default=60.0, help="how long to wait for the first map (s)")
     parser.add_argument("--vehicle", choices=("C", "CL"), default="CL", help="the vehicle's own sensors")
     parser.add_argument("--drop", type=float, default=0.0, help="share of the segments that is thrown away")
+    parser.add_argument("--max_age", type=float, default=1.0, help="older maps are not used (s, default: 1)")
     parser.add_argument("--split", default="test")
     parser.add_argument("--frames", type=int, default=8, help="length of the recording, as the roadside's")
     return parser.parse_args()
@@ -105,7 +105,7 @@ def newest_maps(receiver: Receiver) -> list[LatentMap]:
 
 def drive(half: VehicleHalf, frames: list[tuple[dict, Pose]], receiving: socket.socket, args) -> Report:
     """Fuse and print until the time is over; the report of all of it."""
-    receiver, rng = Receiver(half.shape, MAX_AGE_US), np.random.default_rng(0)
+    receiver, rng = Receiver(half.shape, int(1e6 * args.max_age)), np.random.default_rng(0)
     wait_until_s, until_s, last_frame = time.monotonic() + args.wait, None, -1
     whole = second = Report()
     while time.monotonic() < (until_s or wait_until_s):
@@ -127,12 +127,16 @@ def drive(half: VehicleHalf, frames: list[tuple[dict, Pose]], receiving: socket.
             print(second.line(), flush=True)
             second = Report()
     if until_s is None:
-        raise LinkError(
-            f"{args.listen}: no map within {args.wait:g} s ({_fates(receiver)}); is roadside_unit.py running, with "
-            "this address and configuration?"
-        )
+        raise LinkError(f"{args.listen}: no map to use within {args.wait:g} s: {_why(receiver, args.max_age)}")
     print(f"segments: {_fates(receiver)}")
     return whole
+
+
+def _why(receiver: Receiver, max_age_s: float) -> str:
+    """What the user may change."""
+    if receiver.counts["accepted"]:
+        return f"{_fates(receiver)}, but older than --max_age {max_age_s:g} s once they were there"
+    return f"{_fates(receiver)}; is roadside_unit.py running, with this address and configuration?"
 
 
 def _fates(receiver: Receiver) -> str:

@@ -59,7 +59,7 @@ def free_port():
 
 def test_the_vehicle_fuses_what_the_roadside_sends(start):
     place = f"127.0.0.1:{free_port()}"
-    vehicle = start("vehicle", "--listen", place, "--seconds", 2)
+    vehicle = start("vehicle", "--listen", place, "--seconds", 2, "--max_age", 30)
     roadside = start("roadside_unit", "--to", place, "--seconds", 120)
     printed, errors = vehicle.communicate(timeout=110)
     assert vehicle.returncode == 0, errors
@@ -76,12 +76,15 @@ def test_the_vehicle_fuses_what_the_roadside_sends(start):
 
 
 def test_what_is_wrong_is_one_line(start):
+    place = f"127.0.0.1:{free_port()}"
+    alone = start("vehicle", "--listen", place, "--wait", 0.2)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         place = f"127.0.0.1:{taken.getsockname()[1]}"
         processes = {
             "cannot be bound": start("vehicle", "--listen", place),
             "expected HOST:PORT, found 'here'": start("roadside_unit", "--to", "here"),
+            "no segment at all; is roadside_unit.py running": alone,
         }
         for words, process in processes.items():
             _, errors = process.communicate(timeout=60)
