@@ -13,9 +13,10 @@ from pcdet_avp.sim.junction_episodes import JunctionConfig, junction_episode
 from pcdet_avp.sim.layouts import GarageConfig
 
 LATE = CrossingConfig(
-    garage=GarageConfig(slots_per_bay=(3, 3)),
-    stretch_x=(-44.0, -17.0),
+    garage=GarageConfig(slots_per_bay=(2, 2)),
+    stretch_x=(-38.0, -16.0),
     occupancy=1.0,
+    sides=(-1,),
     child_share=0.75,
     setback_m=(2.8, 3.2),
     vans_out_m=(0.4, 0.55),
