@@ -13,8 +13,8 @@ from pcdet_avp.sim.junction_episodes import JunctionConfig, junction_episode
 from pcdet_avp.sim.layouts import GarageConfig
 
 LATE = CrossingConfig(
-    garage=GarageConfig(slots_per_bay=(2, 2)),
-    stretch_x=(-38.0, -16.0),
+    garage=GarageConfig(slots_per_bay=(3, 3)),
+    stretch_x=(-40.0, -16.0),
     occupancy=1.0,
     sides=(-1,),
     child_share=0.75,
