@@ -6,7 +6,8 @@ of the ego's lane when the ego's front would arrive there at cruising speed, giv
 
 ``pedestrian_late`` hides them better and deeper: every bay begins, as the ego comes, with a pillar and a van whose
 tail stands out into the road, and the walker comes from close behind it; the rest of the bay are low cars, driven
-right in, over which the mast looks.
+right in, over which the mast looks. Walkers come from the ego's right only: those from the left are seen early, and a
+car that they have slowed down proves nothing.
 """
 
 from __future__ import annotations
@@ -43,6 +44,7 @@ class CrossingConfig:
     garage: GarageConfig = field(default_factory=GarageConfig)
     stretch_x: tuple[float, float] = (-42.0, -18.0)  # where gaps are used, m before the mast
     occupancy: float = 0.9
+    sides: tuple[int, ...] = (-1, 1)  # of the road that walkers come from: the ego's right, its left
     walker_share: float = 0.5  # of the gaps (paper)
     child_share: float = 0.5
     setback_m: tuple[float, float] = (1.8, 2.2)  # how deep inside the gap a walker waits
@@ -145,7 +147,8 @@ def _used_gaps(cfg: CrossingConfig, layout: GarageLayout, parked: Parked) -> np.
     if cfg.vans_out_m:
         vans = [parked[slot] for slot in sorted(_bay_firsts(layout), key=lambda slot: slot.x) if slot in parked]
         gaps = np.array([_beside(van) for van in vans]).reshape(-1, 3)
-    return gaps[(gaps[:, 0] >= cfg.stretch_x[0]) & (gaps[:, 0] <= cfg.stretch_x[1])]
+    here = (gaps[:, 0] >= cfg.stretch_x[0]) & (gaps[:, 0] <= cfg.stretch_x[1])
+    return gaps[here & np.isin(np.sign(gaps[:, 1]), cfg.sides)]
 
 
 def _beside(van: Car) -> tuple[float, float, float]:

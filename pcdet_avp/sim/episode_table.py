@@ -14,8 +14,9 @@ from pcdet_avp.sim.layouts import GarageConfig
 
 LATE = CrossingConfig(
     garage=GarageConfig(slots_per_bay=(3, 3)),
-    stretch_x=(-44.0, -17.0),
+    stretch_x=(-40.0, -16.0),
     occupancy=1.0,
+    sides=(-1,),
     child_share=0.75,
     setback_m=(2.8, 3.2),
     vans_out_m=(0.4, 0.55),
