@@ -73,7 +73,7 @@ class EpisodePainter:
         for box in moment.users:
             canvas.fill(bev_corners(box[None])[0], TRUE_COLOR)
         if self._uses_infra:
-            _mark(canvas, moment.alone, ALONE_COLOR, 12, 3)
+            _mark(canvas, moment.alone, ALONE_COLOR, 12, 2)
         _mark(canvas, moment.fused, FUSED_COLOR, 8, 2)
         canvas.ring(mast.translation[:2], 7, MAST_COLOR, -1)
         self._labels(canvas.image, moment)

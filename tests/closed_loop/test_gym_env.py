@@ -1,5 +1,7 @@
 """The Gymnasium environment drives the very episodes of ``run_episode``."""
 
+import subprocess
+import sys
 import warnings
 
 import numpy as np
@@ -102,3 +104,18 @@ def test_a_wrong_scenario_or_speed_shows_at_once():
         gym_env.AvpEnv("motorway")
     with pytest.raises(ConfigError, match="speed"):
         gym_env.AvpEnv("pedestrian", 0.0)
+
+
+def test_only_the_environment_needs_gymnasium():
+    """In an interpreter where it cannot be imported, all but the environment works, and that says what to install."""
+    code = """
+import sys
+sys.modules["gymnasium"] = None
+import pcdet_avp.closed_loop.film_sweep, pcdet_avp.closed_loop.report, pcdet_avp.closed_loop.sweep
+try:
+    import pcdet_avp.closed_loop.gym_env
+except ImportError as error:
+    print(error)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "pcdet_avp.closed_loop.gym_env needs gymnasium: pip install pcdet_avp[gym]\n"
