@@ -1,0 +1,35 @@
+"""Published weights are the run's, smaller, and know nothing of the disk they were trained on."""
+
+import sys
+
+import pytest
+import torch
+
+from pcdet_avp.engine.checkpoint import newest_first, save, weights_hash
+from pcdet_avp.engine.testing import THRESHOLDS_KEY
+from pcdet_avp.errors import CheckpointError
+from pcdet_avp.models.checkpoint_file import read_checkpoint
+
+
+def publish(load_tool, monkeypatch, ckpt, out):
+    monkeypatch.setattr(sys, "argv", ["publish_weights", "--ckpt", str(ckpt), "--out", str(out)])
+    load_tool("publish_weights").main()
+
+
+def test_weights_and_thresholds_stay_the_optimiser_and_the_path_go(load_tool, monkeypatch, trained, tmp_path):
+    ckpt = newest_first(trained / "ckpt")[0]
+    content = read_checkpoint(ckpt) | {THRESHOLDS_KEY: {"Car": 0.4, "Pedestrian": 0.3}}
+    save(tmp_path / "full.pth", content)
+    publish(load_tool, monkeypatch, tmp_path / "full.pth", tmp_path / "out.pth")
+    published = read_checkpoint(tmp_path / "out.pth")
+    assert weights_hash(published["model_state"]) == weights_hash(content["model_state"])
+    assert published[THRESHOLDS_KEY] == {"Car": 0.4, "Pedestrian": 0.3}
+    assert "/" not in published["config"]["DATA_CONFIG"]["DATA_PATH"]
+    assert (tmp_path / "out.pth").stat().st_size < 0.6 * (tmp_path / "full.pth").stat().st_size
+
+
+def test_a_run_without_thresholds_is_refused_and_leaves_no_file(load_tool, monkeypatch, tmp_path):
+    save(tmp_path / "bare.pth", {"model_state": {"w": torch.zeros(1)}, "it": 3})
+    with pytest.raises(CheckpointError, match=r"lacks epoch, .*score_thresholds"):
+        publish(load_tool, monkeypatch, tmp_path / "bare.pth", tmp_path / "out.pth")
+    assert not (tmp_path / "out.pth").exists()
