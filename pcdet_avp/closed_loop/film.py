@@ -14,6 +14,7 @@ from pcdet_avp.closed_loop.episode import EpisodeSettings
 from pcdet_avp.closed_loop.episode_log import EpisodeLog
 from pcdet_avp.closed_loop.episode_picture import (
     ALONE_COLOR,
+    CAMERA_PX,
     EGO_COLOR,
     FUSED_COLOR,
     MAP_SCALE,
@@ -94,7 +95,7 @@ class Film:
         """(810, 1440, 3) uint8 RGB."""
         recording = self._recording
         world = recording.seek(tick)
-        ego, infra = camera_views(world, self._rig, (*recording.scenario.seed_key, tick))
+        ego, infra = camera_views(world, self._rig, (*recording.scenario.seed_key, tick), CAMERA_PX[0])
         fused, alone = (
             _in_world(seen[tick], world.world_from_ego) for seen in (recording.log.perceived, recording.alone)
         )

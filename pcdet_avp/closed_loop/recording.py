@@ -15,6 +15,7 @@ from pcdet_avp.sim.camera import render
 from pcdet_avp.sim.episodes import Scenario
 from pcdet_avp.sim.rig import Rig, sensor_rng
 from pcdet_avp.sim.world import World
+from pcdet_avp.structures.camera import PinholeCamera
 from pcdet_avp.structures.frame import AgentView
 from pcdet_avp.structures.sensor_set import SensorSet
 
@@ -76,14 +77,20 @@ def record_episode(
     return replace(recording, alone=tuple(looks))
 
 
-def camera_views(world: World, rig: Rig, key: Sequence[int]) -> tuple[AgentView, AgentView]:
-    """What both cameras see of the world as it stands; ``key`` fixes their noise."""
+def camera_views(world: World, rig: Rig, key: Sequence[int], widest_px: int) -> tuple[AgentView, AgentView]:
+    """What both cameras see of the world as it stands; wider images are made smaller. ``key`` fixes their noise."""
     views = []
     for agent, pose, tracer in (
         ("ego", world.world_from_ego, world.ego_tracer()),
         ("infra", world.world_from_infra, world.infra_tracer()),
     ):
-        camera = getattr(rig, agent).camera
+        camera = _at_most(getattr(rig, agent).camera, widest_px)
         image = render(tracer, camera, pose, world.lighting, sensor_rng(key, f"{agent}_camera")).image
         views.append(AgentView(pose, camera, image))
     return tuple(views)
+
+
+def _at_most(camera: PinholeCamera, width: int) -> PinholeCamera:
+    if camera.width <= width:
+        return camera
+    return camera.scaled(width, round(camera.height * width / camera.width))
