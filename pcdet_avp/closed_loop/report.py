@@ -109,7 +109,7 @@ def _crash_part(results: Results, scenario: str, perception: str, head: str) -> 
     gains = gain_lines(results, scenario, perception)
     counted = "any contact" if scenario.startswith("t_junction") else "a walker met by the front"
     beside = (
-        f", with the paper's {PAPER_NAMES[PAPER_SCENARIOS[scenario]]}" if has_paper_rows(scenario, perception) else ""
+        f", with the paper's {PAPER_NAMES[scenario]}" if has_paper_rows(scenario, perception) else ""
     )
     return [
         f"**{head}: crashes** ({counted}) of n episodes{beside}.",

@@ -165,7 +165,7 @@ def _draw_crossing(rng, cfg: CrossingConfig, layout: GarageLayout, gap: np.ndarr
     clear_y = layout.lane_y - np.sign(gap[1]) * (EGO_WIDTH_M / 2 + spec.box_side / 2 + STEP_ASIDE_M)
     meet_x, meet_after_m = _at_y(points, layout.lane_y)
     late_s = float(rng.uniform(-cfg.spread_s, cfg.spread_s))
-    walker = Pedestrian(object_id, spec, Waypoints(points, WALKING_MPS[kind]))
+    walker = Pedestrian(object_id, spec, Waypoints(points, WALKING_MPS[kind], start_s=float("inf")))  # until released
     return Crossing(walker, meet_x, meet_after_m, _at_y(points, clear_y)[1], late_s)
 
 
