@@ -12,15 +12,19 @@ STEP = 2  # pixels between samples
 LEAST = F(0.12)  # some light gets everywhere
 
 
-def open_sky(tracer, camera, eye, rays, hits, enabled: bool) -> np.ndarray:
-    """(R,) float32 in [LEAST, 1]: the unblocked share of a cosine-weighted hemisphere within ``REACH_M``."""
+def open_sky(tracer, camera, eye, rays, hits, enabled: bool, memory=None) -> np.ndarray:
+    """(R,) float32 in [LEAST, 1]: the unblocked share of a cosine-weighted hemisphere within ``REACH_M``.
+
+    ``memory`` (see ``RayTracer.shadows``) has a slot per pixel at its end, of which every fourth is needed.
+    """
     sky = np.ones(len(rays), np.float32)
     if not enabled:
         return sky
     rows, cols = -(-camera.height // STEP), -(-camera.width // STEP)
     origins, directions = np.empty((rows * cols, 3), np.float32), np.empty((rows * cols, 3), np.float32)
     _probe(eye, rays, hits.distance, hits.face, hits.u, hits.v, tracer.normals, camera.width, cols, origins, directions)
-    free = ~tracer.occluded(origins, directions, 1.0).reshape(rows, cols)
+    slots = np.arange(len(origins)) - len(rays)
+    free = ~tracer.shadowed(origins, directions, memory, slots).reshape(rows, cols)
     shape = (camera.height, camera.width)
     _spread(free, hits.distance.reshape(shape), np.empty((rows, cols), np.float32), sky.reshape(shape))
     return sky

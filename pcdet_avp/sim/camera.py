@@ -11,6 +11,7 @@ from pcdet_avp.sim import film, shading
 from pcdet_avp.sim.ambient_occlusion import open_sky
 from pcdet_avp.sim.lights import KEY, Lighting, draw_lighting, headlamps_of
 from pcdet_avp.sim.raytracer import RayTracer
+from pcdet_avp.sim.standing_shadows import ray_slots
 from pcdet_avp.structures.camera import PinholeCamera
 from pcdet_avp.structures.pose import Pose
 
@@ -62,18 +63,20 @@ def _fill_rays(m, width, rays):
 
 def _radiance(tracer, camera, eye, rays, hits, lighting) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Radiance (R, 3), depth (R,) and instance (R,). Bands of rows share the memory of the shadow rays."""
-    count, band = len(rays), BAND_ROWS * camera.width
-    sky = open_sky(tracer, camera, eye, rays, hits, lighting.ambient_occlusion)
+    count, band, lamps = len(rays), BAND_ROWS * camera.width, lighting.shadow_lamps
+    memory = tracer.shadows(eye, count * (lamps + 1))  # the last ``count`` slots are open_sky's
+    sky = open_sky(tracer, camera, eye, rays, hits, lighting.ambient_occlusion, memory)
     seen = np.empty((count, 3), np.float32), np.empty(count, np.float32), np.empty(count, np.int32)
     scene = _scene_tables(tracer, lighting)
-    shadows = _shadow_buffers(band * lighting.shadow_lamps)
+    shadows = _shadow_buffers(band * lamps)
     for start in range(0, count, band):
         part = slice(start, start + band)
         columns = tuple(a[part] for a in (rays, hits.distance, hits.face, hits.u, hits.v, sky))
         out = tuple(a[part] for a in seen)
-        found = shading.shade(eye, camera.width, columns, *scene, lighting.shadow_lamps, out, shadows)
+        found = shading.shade(eye, camera.width, columns, *scene, lamps, out, shadows)
         origins, directions, pixel, arriving = (a[:found] for a in shadows)
-        shading.add_unblocked(out[0], pixel, arriving, tracer.occluded(origins, directions, 1.0))
+        blocked = tracer.shadowed(origins, directions, memory, ray_slots(pixel, lamps, start * lamps))
+        shading.add_unblocked(out[0], pixel, arriving, blocked)
     return seen
 
 

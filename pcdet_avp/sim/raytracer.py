@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from pcdet_avp.sim.face_room import FaceRoom
+from pcdet_avp.sim.standing_shadows import StandingShadows
 from pcdet_avp.sim.triangle_scene import TriangleScene, ray_arrays
 
 __all__ = ["FAR_M", "NO_FACE", "Hits", "RayTracer", "TriangleScene", "ray_arrays"]
@@ -87,11 +88,30 @@ class RayTracer:
             return None
         return _as_hits({key: a.copy() if asked is None else a[asked] for key, a in found.items()}, 0)
 
+    def shadows(self, eye: np.ndarray, slots: int) -> StandingShadows | None:
+        """What the first scene remembers of the shadow rays of a camera at ``eye`` (3,), if it stands still."""
+        return self.scenes[0].standing.shadows(eye, slots) if self.scenes else None
+
+    def shadowed(
+        self, origins: np.ndarray, directions: np.ndarray, memory: StandingShadows | None, slots: np.ndarray
+    ) -> np.ndarray:
+        """``occluded`` for rays that end at their directions' ends; the first scene's part from ``memory``."""
+        if memory is None:
+            return self.occluded(origins, directions, 1.0)
+
+        def ask(*rays: np.ndarray) -> np.ndarray:
+            return self.scenes[0].blocks(*ray_arrays(*rays, 1.0))
+
+        return self._blocked_beyond(origins, directions, 1.0, memory.blocked(slots, origins, directions, ask), 1)
+
     def occluded(self, origins: np.ndarray, directions: np.ndarray, limits: float | np.ndarray = FAR_M) -> np.ndarray:
         """Mask (R,) of rays that meet anything before their limit."""
+        return self._blocked_beyond(origins, directions, limits, np.zeros(len(directions), dtype=bool), 0)
+
+    def _blocked_beyond(self, origins, directions, limits, blocked: np.ndarray, first: int) -> np.ndarray:
+        """``blocked`` and what the scenes from number ``first`` on block besides."""
         origins, directions, limits = ray_arrays(origins, directions, limits)
-        blocked = np.zeros(len(limits), dtype=bool)
-        for scene in self.scenes:
+        for scene in self.scenes[first:]:
             # A ray of length zero costs Embree next to nothing.
             blocked |= scene.blocks(origins, directions, np.where(blocked, np.float32(0), limits))
         return blocked

@@ -1,4 +1,7 @@
-"""Rays that come again: a sensor that stands still before a scene that never changes asks only once."""
+"""Rays that come again: a sensor that stands still before a scene that never changes asks only once.
+
+First hits are remembered as a whole, shadow rays one by one (see ``standing_shadows``).
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+
+from pcdet_avp.sim.standing_shadows import StandingShadows
 
 MOST_VIEWS = 8  # origins that are kept in mind
 Found = dict[str, np.ndarray]  # tfar, primID, u, v: what Embree tells of each ray
@@ -25,6 +30,7 @@ class StandingViews:
 
     def __init__(self) -> None:
         self._views: dict[tuple, View | None] = {}  # None: the origin came once; last used last
+        self._shadows: dict[tuple, StandingShadows | None] = {}
 
     def recall(self, origin: np.ndarray, directions: np.ndarray, limit: float, ask: FirstHits) -> Found | None:
         """First hits of all rays from an origin (3,), or None while it is not worth remembering them.
@@ -37,7 +43,20 @@ class StandingViews:
             came_before, view = False, None
         if came_before and view is None:
             view = View(directions.copy(), ask(origin, directions, limit))
-        self._views[key] = view
-        while len(self._views) > MOST_VIEWS:
-            del self._views[next(iter(self._views))]
+        _put_last(self._views, key, view)
         return None if view is None else view.found
+
+    def shadows(self, eye: np.ndarray, slots: int) -> StandingShadows | None:
+        """The memory of a camera's shadow rays by its place (3,), or None while it is not worth having one."""
+        key = eye.tobytes(), slots
+        came_before, memory = key in self._shadows, self._shadows.pop(key, None)
+        memory = StandingShadows(slots) if came_before and memory is None else memory
+        _put_last(self._shadows, key, memory)
+        return memory
+
+
+def _put_last(kept: dict, key: tuple, value: object) -> None:
+    """Enter something, and forget what was not used for longest."""
+    kept[key] = value
+    while len(kept) > MOST_VIEWS:
+        del kept[next(iter(kept))]

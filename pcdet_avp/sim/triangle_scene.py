@@ -28,7 +28,7 @@ class TriangleScene:
         self.instance = np.repeat(np.array([number for _, number in parts], np.int32), counts)
         self.colors, self.materials, self.normals = self.mesh.colors, self.mesh.materials, self.mesh.normals
         self._spheres = np.array([_bounding_sphere(mesh) for mesh, _ in parts], np.float32).reshape(-1, 4)
-        self._views = StandingViews()
+        self.standing = StandingViews()
         self._embree = EmbreeScene()
         if len(self.mesh.faces):
             TriangleMesh(self._embree, self.mesh.vertices, self.mesh.faces)
@@ -51,7 +51,7 @@ class TriangleScene:
             found = self.first_hits(*ray_arrays(*rays))
             return {key: found[key] for key in ("tfar", "primID", "u", "v")}
 
-        return self._views.recall(origin, directions, limit, ask)
+        return self.standing.recall(origin, directions, limit, ask)
 
     def first_hits(self, origins: np.ndarray, directions: np.ndarray, limits: np.ndarray) -> dict[str, np.ndarray]:
         """Embree's own answer for rays that end at ``limits`` (R,)."""
