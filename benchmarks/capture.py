@@ -27,6 +27,7 @@ from pcdet_avp.sim import rig as rig_module
 from pcdet_avp.sim.raytracer import FAR_M, RayTracer, TriangleScene, ray_arrays
 from pcdet_avp.sim.rig import Rig, capture
 from pcdet_avp.sim.scenarios import TrainingScene, draw_training_scene
+from pcdet_avp.sim.standing_views import StandingViews
 from pcdet_avp.sim.world import World
 
 Rays = tuple[str, tuple[np.ndarray, ...]]  # Embree's query, and its origins, directions, limits
@@ -86,7 +87,7 @@ def camera_height(camera) -> float:
 
 @contextmanager
 def recorded_rays() -> Iterator[list[Rays]]:
-    """The rays of every query, as Embree takes them, while the block runs."""
+    """The rays of every query, as Embree takes them, while the block runs; nothing is remembered meanwhile."""
     queries: list[Rays] = []
 
     def recording(name: str, function: Callable) -> Callable:
@@ -100,6 +101,8 @@ def recorded_rays() -> Iterator[list[Rays]]:
     with (
         patch.object(RayTracer, "cast", recording("first_hits", RayTracer.cast)),
         patch.object(RayTracer, "occluded", recording("blocks", RayTracer.occluded)),
+        patch.object(StandingViews, "recall", lambda *_: None),
+        patch.object(StandingViews, "shadows", lambda *_: None),
     ):
         yield queries
 
