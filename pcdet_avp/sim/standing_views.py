@@ -12,7 +12,9 @@ import numpy as np
 
 from pcdet_avp.sim.standing_shadows import StandingShadows
 
-MOST_VIEWS = 8  # origins that are kept in mind
+# Places that are kept in mind: of both agents' sensors, and of both cameras, with room for one that moves. At the
+# paper's size a view takes up to 15 MB, a camera's shadow rays 39 MB.
+MOST_VIEWS, MOST_SHADOWS = 6, 3
 Found = dict[str, np.ndarray]  # tfar, primID, u, v: what Embree tells of each ray
 FirstHits = Callable[[np.ndarray, np.ndarray, float], Found]
 
@@ -43,7 +45,7 @@ class StandingViews:
             came_before, view = False, None
         if came_before and view is None:
             view = View(directions.copy(), ask(origin, directions, limit))
-        _put_last(self._views, key, view)
+        _put_last(self._views, key, view, MOST_VIEWS)
         return None if view is None else view.found
 
     def shadows(self, eye: np.ndarray, slots: int) -> StandingShadows | None:
@@ -51,12 +53,12 @@ class StandingViews:
         key = eye.tobytes(), slots
         came_before, memory = key in self._shadows, self._shadows.pop(key, None)
         memory = StandingShadows(slots) if came_before and memory is None else memory
-        _put_last(self._shadows, key, memory)
+        _put_last(self._shadows, key, memory, MOST_SHADOWS)
         return memory
 
 
-def _put_last(kept: dict, key: tuple, value: object) -> None:
+def _put_last(kept: dict, key: tuple, value: object, most: int) -> None:
     """Enter something, and forget what was not used for longest."""
     kept[key] = value
-    while len(kept) > MOST_VIEWS:
+    while len(kept) > most:
         del kept[next(iter(kept))]
