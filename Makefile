@@ -1,12 +1,9 @@
-# make run   sets up and runs the main job end to end on the embedded garage
+# make run   sets up and runs the whole system end to end on the embedded garage
 # make test  sets up and runs the tests
 # make help  lists the rest
 PYTHON ?= python3
 VENV ?= .venv
-CFG ?= cfgs/avp/cp_small.yaml
-# The short run of `make run`: a quarter of the small data set, a few minutes of training.
-SHORT := DATA_CONFIG.DATA_PATH data/avp_short DATA_CONFIG.GENERATE.SCENES 60
-MINUTES ?= 5
+MINUTES ?= 3
 BIN := $(VENV)/bin
 export OMP_NUM_THREADS ?= 2
 
@@ -24,9 +21,8 @@ $(BIN)/.ready: setup.py constraints.txt
 
 setup: $(BIN)/.ready  ## a virtual environment with everything in it
 
-run: setup  ## data set with pictures, short training, benchmark: about a quarter of an hour on two cores
-	$(BIN)/python tools/create_data.py --cfg $(CFG) --preview 6 --set $(SHORT)
-	$(BIN)/python tools/train.py --cfg $(CFG) --extra_tag short --max_minutes $(MINUTES) --set $(SHORT)
+run: setup  ## data, benchmark, bytes, driving, a short training; leaves output/tour/index.html
+	$(BIN)/python tools/tour.py --train_minutes $(MINUTES)
 
 test: setup  ## the daily tests
 	$(BIN)/python -m pytest

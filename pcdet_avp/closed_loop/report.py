@@ -8,7 +8,6 @@ from matplotlib.figure import Figure
 
 from pcdet_avp.closed_loop.crash_tables import (
     BASELINE,
-    PAPER_SCENARIOS,
     SAFE_RATE,
     crash_table,
     gain_lines,
