@@ -107,9 +107,7 @@ def _crash_part(results: Results, scenario: str, perception: str, head: str) -> 
     table = crash_table(results, scenario, perception)
     gains = gain_lines(results, scenario, perception)
     counted = "any contact" if scenario.startswith("t_junction") else "a walker met by the front"
-    beside = (
-        f", with the paper's {PAPER_NAMES[scenario]}" if has_paper_rows(scenario, perception) else ""
-    )
+    beside = f", with the paper's {PAPER_NAMES[scenario]}" if has_paper_rows(scenario, perception) else ""
     return [
         f"**{head}: crashes** ({counted}) of n episodes{beside}.",
         "In brackets the rate's 95 % Clopper-Pearson interval in percent. Bold: the highest speed up to which no crash",

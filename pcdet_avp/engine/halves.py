@@ -10,19 +10,16 @@ from torch import nn
 
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.link import LatentMap, MapStamp, encode_within
-from pcdet_avp.models.compression import Latent
+from pcdet_avp.models.compression.map_packets import as_latent
 from pcdet_avp.structures.pose import Pose
-from pcdet_avp.structures.sensor_set import SOURCES
-
-EGO, INFRA = SOURCES[:2], SOURCES[2:]
 
 
 def latent_shape(model: nn.Module) -> tuple[int, int, int]:
     """(c, h, w) of a map on the air."""
     codec, grid = next(iter(model.codec.codecs.values())), model.warp.grid
-    if not hasattr(codec, "reduce"):
+    if not hasattr(codec, "latent_shape"):
         raise ConfigError("MODEL.COMPRESSION sends maps as they are; there are no bytes for them")
-    return codec.reduce.out_channels, grid.height // codec.pooling, grid.width // codec.pooling
+    return codec.latent_shape(grid.height, grid.width)
 
 
 class RoadsideHalf:
@@ -36,7 +33,7 @@ class RoadsideHalf:
     def segments(self, batch_dict: dict, frame_id: int, time_us: int, world_from_infra: Pose) -> dict[str, list[bytes]]:
         """modality -> segments of one frame's map; ``batch_dict`` as from ``load_batch``, its vehicle unused."""
         with torch.no_grad():
-            latents = self.model.codec.compress(self.model.encode(batch_dict, INFRA))["latents"]
+            latents = self.model.encode_roadside(batch_dict)
         sent = {}
         for source, latent in latents.items():
             modality = source.partition("_")[2]
@@ -59,15 +56,10 @@ class VehicleHalf:
         ``batch_dict`` as from ``load_batch``, its roadside unused; the pose of the mast is the maps' own.
         """
         with torch.no_grad():
-            batch = self.model.encode(batch_dict, EGO)
+            batch = self.model.encode_vehicle(batch_dict)
             like = batch_dict["ego_from_infra"]
-            batch["latents"] = {f"infra_{known.stamp.modality}": _as_latent(known, like) for known in maps}
+            batch["latents"] = {f"infra_{known.stamp.modality}": as_latent(known, like.device) for known in maps}
             if maps:
                 ego_from_infra = world_from_ego.inverse() @ maps[0].stamp.world_from_agent
                 batch["ego_from_infra"] = like.new_tensor(ego_from_infra.matrix)[None]
             return self.model.post_processing(self.model.fuse_and_detect(batch))[0][0]
-
-
-def _as_latent(known: LatentMap, like: torch.Tensor) -> Latent:
-    values, present = torch.from_numpy(known.values), torch.from_numpy(known.present)
-    return Latent(values.to(like)[None], present.to(like.device)[None, None])
