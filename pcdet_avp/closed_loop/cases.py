@@ -11,8 +11,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pcdet_avp.closed_loop.episode import EpisodeSettings, run_episode
+from pcdet_avp.closed_loop.episode import run_episode
 from pcdet_avp.closed_loop.episode_log import ROW_FIELDS, EpisodeLog, EpisodeRow
+from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
 from pcdet_avp.closed_loop.perceiver import Perceiver, PerceiverSettings, build_perceiver
 from pcdet_avp.sim.episode_table import draw_scenario
 from pcdet_avp.sim.episodes import Scenario

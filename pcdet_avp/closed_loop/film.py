@@ -10,7 +10,6 @@ import numpy as np
 from tqdm import tqdm
 
 from pcdet_avp.closed_loop.driver import Driver
-from pcdet_avp.closed_loop.episode import EpisodeSettings
 from pcdet_avp.closed_loop.episode_log import EpisodeLog
 from pcdet_avp.closed_loop.episode_picture import (
     ALONE_COLOR,
@@ -22,6 +21,7 @@ from pcdet_avp.closed_loop.episode_picture import (
     EpisodePainter,
     Moment,
 )
+from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
 from pcdet_avp.closed_loop.garage_plan import garage_plan
 from pcdet_avp.closed_loop.perceiver import Perceived, Perceiver
 from pcdet_avp.closed_loop.recording import Recording, camera_views, record_episode

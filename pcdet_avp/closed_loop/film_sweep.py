@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from pcdet_avp.closed_loop.cases import ANY_COMBO, Case, case_scenario, perceiver_settings
-from pcdet_avp.closed_loop.episode import EpisodeSettings
 from pcdet_avp.closed_loop.episode_log import EpisodeRow
+from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
 from pcdet_avp.closed_loop.film import film_episode
 from pcdet_avp.closed_loop.journal import Finished
 from pcdet_avp.closed_loop.perceiver import build_perceiver

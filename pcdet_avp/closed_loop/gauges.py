@@ -70,12 +70,19 @@ class Gauges:
                 self.missed_outside += bool(outside)
                 self.missed_occluded += not outside
 
-    @property
-    def false_brake_share(self) -> float:
-        return self._false_brakes / max(self._awake_ticks, 1)
+    def figures(self, met: int | None) -> dict[str, float]:
+        """Fields of ``EpisodeLog``; ``met`` is the object id of whom the ego touched.
 
-    def first_detection_m(self, met: int | None) -> float:
-        """Of the threat noticed last; 0 if the one that was ``met`` never was, inf if nobody was noticed."""
-        if met is not None and met not in self._noticed_at:
-            return 0.0
-        return min(self._noticed_at.values(), default=np.inf)
+        The first detection is that of the threat noticed last: 0 if the one that was met never was.
+        """
+        noticed = min(self._noticed_at.values(), default=np.inf)
+        return {
+            "min_distance_m": self.min_distance_m if met is None else 0.0,
+            "min_ttc_s": self.min_ttc_s if met is None else 0.0,
+            "hardest_deceleration": self.hardest_deceleration,
+            "hardest_jerk": self.hardest_jerk,
+            "false_brake_share": self._false_brakes / max(self._awake_ticks, 1),
+            "first_detection_m": noticed if met is None or met in self._noticed_at else 0.0,
+            "missed_outside": self.missed_outside,
+            "missed_occluded": self.missed_occluded,
+        }

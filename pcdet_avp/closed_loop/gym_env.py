@@ -8,6 +8,7 @@ The world, the dynamics, the perception and what counts as a crash are those of 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -18,10 +19,10 @@ try:
 except ModuleNotFoundError as missing:
     raise ImportError("pcdet_avp.closed_loop.gym_env needs gymnasium: pip install pcdet_avp[gym]") from missing
 
-from pcdet_avp.closed_loop.episode import EpisodeSettings
+from pcdet_avp.closed_loop.episode import Episode
+from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
 from pcdet_avp.closed_loop.oracle import Oracle
 from pcdet_avp.closed_loop.perceiver import Perceived, Perceiver, PerceiverSettings
-from pcdet_avp.closed_loop.stepped_episode import SteppedEpisode
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.sim.episode_table import draw_scenario
 from pcdet_avp.structures.frame import CLASS_NAMES
@@ -66,8 +67,8 @@ class AvpEnv(gymnasium.Env):
         draw_scenario(scenario, 0, 0, cruising)  # a wrong name or speed shows now
         self._scenario, self._cruising, self._combo = scenario, cruising, SensorSet.parse(combo)
         self._perceiver = perceiver or Oracle(PerceiverSettings(PAPER_RANGE))
-        self._settings = settings or EpisodeSettings()
-        self._episode: SteppedEpisode | None = None
+        self._settings = replace(settings or EpisodeSettings(), keep_perceived=True)
+        self._episode: Episode | None = None
         self.render_mode = render_mode
         self.action_space = spaces.Box(0.0, cruising, (1,), np.float32)
         self.observation_space = spaces.Dict(
@@ -83,7 +84,7 @@ class AvpEnv(gymnasium.Env):
         super().reset(seed=seed)
         wanted = {"seed": int(self.np_random.integers(2**31)), "trial": 0} | (options or {})
         scenario = draw_scenario(self._scenario, wanted["seed"], wanted["trial"], self._cruising)
-        self._episode = SteppedEpisode(scenario, self._perceiver, self._combo, self._settings)
+        self._episode = Episode(scenario, self._perceiver, self._combo, self._settings)
         self._look()
         return self._observation(), self._info()
 

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pcdet_avp.closed_loop.episode import EpisodeSettings, run_episode
+from pcdet_avp.closed_loop.episode import run_episode
 from pcdet_avp.closed_loop.episode_log import EpisodeLog
+from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
 from pcdet_avp.closed_loop.perceiver import Perceived, Perceiver
 from pcdet_avp.sim.actors import stands
 from pcdet_avp.sim.camera import render

@@ -7,7 +7,7 @@ import hashlib
 from pathlib import Path
 from typing import Any
 
-from pcdet_avp.closed_loop.episode import EpisodeSettings
+from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
 from pcdet_avp.closed_loop.link_options import LinkOptions, given_link_options
 from pcdet_avp.closed_loop.perceiver import SENSORLESS
 from pcdet_avp.closed_loop.sweep import Sweep

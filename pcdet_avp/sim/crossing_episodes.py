@@ -12,28 +12,26 @@ car that they have slowed down proves nothing.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
 
-from pcdet_avp.sim.actors import Car, Pedestrian
-from pcdet_avp.sim.cars import draw_car
+from pcdet_avp.sim.actors import Pedestrian
 from pcdet_avp.sim.episodes import SETTLE_S, Scenario, Threat, start_before
-from pcdet_avp.sim.garage import LANE_WIDTH_M, SLOT_DEPTH_M, GarageLayout, Slot
+from pcdet_avp.sim.garage import LANE_WIDTH_M, GarageLayout
 from pcdet_avp.sim.layouts import GarageConfig, draw_layout
 from pcdet_avp.sim.lights import Lighting, draw_lighting
 from pcdet_avp.sim.pedestrians import draw_pedestrian
-from pcdet_avp.sim.traffic import SLOT_CLEARANCE_M, draw_parked
-from pcdet_avp.sim.trajectories import Standing, Waypoints
+from pcdet_avp.sim.traffic import draw_parked
+from pcdet_avp.sim.trajectories import Waypoints
+from pcdet_avp.sim.van_rows import Parked, places_behind_vans, vans_first
 from pcdet_avp.sim.walkers import vehicle_gaps
 from pcdet_avp.structures.ego import EGO_LENGTH_M, EGO_WIDTH_M
 
 WALKING_MPS = {"adult": 1.5, "child": 2.0}  # paper
 GOES_IN_M = 2.3  # how far a walker goes into the gap on the other side
-Parked = dict[Slot, Car]
 Way = tuple[tuple[float, float], ...]
-CLOSE_BEHIND_M = 0.4  # of a late walker's middle from the van's flank
 STEP_ASIDE_M = 0.3  # what separates a walker who has left the ego's swath from it
 
 
@@ -111,7 +109,7 @@ def draw_plan(cfg: CrossingConfig, seed: int, trial: int) -> CrossingPlan:
         layout = draw_layout(rng, cfg.garage)
         parked = draw_parked(rng, layout, cfg.occupancy)
         if cfg.vans_out_m:
-            parked = _vans_first(rng, cfg, layout, parked)
+            parked = vans_first(rng, cfg.vans_out_m, layout, parked)
         gaps = _used_gaps(cfg, layout, parked)
         crossings = [
             _draw_crossing(rng, cfg, layout, gap, len(parked) + k)
@@ -123,38 +121,11 @@ def draw_plan(cfg: CrossingConfig, seed: int, trial: int) -> CrossingPlan:
             return CrossingPlan(layout, lighting, parked, float(gaps[:, 0].min()), tuple(crossings))
 
 
-def _vans_first(rng: np.random.Generator, cfg: CrossingConfig, layout: GarageLayout, parked: Parked) -> Parked:
-    """In every bay a van on the ego's side, its tail out in the road, then low cars driven right in."""
-    firsts, placed = _bay_firsts(layout), dict(parked)
-    for slot, car in parked.items():
-        spec = draw_car(rng, "van" if slot in firsts else "hatchback")
-        out_m = float(rng.uniform(*cfg.vans_out_m)) if slot in firsts else SLOT_CLEARANCE_M / 2
-        row_end = LANE_WIDTH_M if slot in firsts else LANE_WIDTH_M + SLOT_DEPTH_M - spec.length
-        pose = Standing(car.trajectory.x, float(np.sign(slot.y) * (row_end - out_m + spec.length / 2)), slot.heading)
-        placed[slot] = replace(car, spec=spec, trajectory=pose)
-    return placed
-
-
-def _bay_firsts(layout: GarageLayout) -> set[Slot]:
-    """The slots that come first in their bays on the ego's way, and have a neighbour."""
-    pairs = layout.neighbours()
-    return {near for near, _ in pairs} - {far for _, far in pairs}
-
-
 def _used_gaps(cfg: CrossingConfig, layout: GarageLayout, parked: Parked) -> np.ndarray:
     """(G, 3) x, y, heading of the places where walkers come out of the gaps in the stretch."""
-    gaps = vehicle_gaps(layout, parked)
-    if cfg.vans_out_m:
-        vans = [parked[slot] for slot in sorted(_bay_firsts(layout), key=lambda slot: slot.x) if slot in parked]
-        gaps = np.array([_beside(van) for van in vans]).reshape(-1, 3)
+    gaps = places_behind_vans(layout, parked) if cfg.vans_out_m else vehicle_gaps(layout, parked)
     here = (gaps[:, 0] >= cfg.stretch_x[0]) & (gaps[:, 0] <= cfg.stretch_x[1])
     return gaps[here & np.isin(np.sign(gaps[:, 1]), cfg.sides)]
-
-
-def _beside(van: Car) -> tuple[float, float, float]:
-    """Close behind a van as the ego comes, level with its tail."""
-    pose, side = van.trajectory, np.sign(van.trajectory.y)
-    return pose.x + van.spec.width / 2 + CLOSE_BEHIND_M, side * (abs(pose.y) - van.spec.length / 2), side * np.pi / 2
 
 
 def _draw_crossing(rng, cfg: CrossingConfig, layout: GarageLayout, gap: np.ndarray, object_id: int) -> Crossing:

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from pcdet_avp.closed_loop.episode import EpisodeSettings, run_episode
+from pcdet_avp.closed_loop.episode import run_episode
+from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
 from pcdet_avp.closed_loop.oracle import AlwaysSlow, Blind, Oracle
 from pcdet_avp.closed_loop.perceiver import PerceiverSettings
 from pcdet_avp.errors import ConfigError

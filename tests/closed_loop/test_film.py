@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from pcdet_avp.closed_loop import film
-from pcdet_avp.closed_loop.episode import EpisodeSettings
 from pcdet_avp.closed_loop.episode_log import ROW_FIELDS, EpisodeRow
 from pcdet_avp.closed_loop.episode_picture import (
     ALONE_COLOR,
@@ -17,6 +16,7 @@ from pcdet_avp.closed_loop.episode_picture import (
     EpisodePainter,
     Moment,
 )
+from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
 from pcdet_avp.closed_loop.film_sweep import telling_cases
 from pcdet_avp.closed_loop.oracle import Oracle
 from pcdet_avp.closed_loop.perceiver import Perceived, PerceiverSettings

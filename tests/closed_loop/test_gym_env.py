@@ -75,7 +75,7 @@ def test_observations_count_down_to_the_gap_and_name_the_nearest_first():
 
 
 def test_who_stands_still_is_cut_off_by_the_time_limit():
-    from pcdet_avp.closed_loop.episode import EpisodeSettings
+    from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
 
     env = gym_env.AvpEnv("t_junction", 8.0, settings=EpisodeSettings(time_limit_s=3.0))
     env.reset(seed=0)

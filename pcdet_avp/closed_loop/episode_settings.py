@@ -1,0 +1,47 @@
+"""How the closed loop runs: CLOSED_LOOP of ``cfgs/closed_loop.yaml``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+from pcdet_avp.errors import ConfigError
+from pcdet_avp.sim.dynamics import LongitudinalModel
+
+
+@dataclass(frozen=True)
+class EpisodeSettings:
+    """How the loop runs."""
+
+    tick_s: float = 0.05  # 20 Hz (paper)
+    lag_ticks: int = 1  # from observation to actuation
+    hold_ticks: int = 3  # a detection is believed for this long after it was last made
+    wake_m: float = 15.0  # perception sleeps until the front is this near to the first gap or zone
+    time_limit_s: float = 90.0
+    from_bumper: bool = True  # where the policy measures dx_l from
+    keep_perceived: bool = False  # every tick's detections in the log
+    dynamics: LongitudinalModel = field(default_factory=LongitudinalModel)
+
+    def __post_init__(self) -> None:
+        for name in ("tick_s", "time_limit_s"):
+            if not getattr(self, name) > 0:
+                raise ConfigError(f"CLOSED_LOOP.{name.upper()}: expected more than 0, found {getattr(self, name)}")
+        for name in ("lag_ticks", "hold_ticks"):
+            if not isinstance(getattr(self, name), int) or getattr(self, name) < 0:
+                raise ConfigError(f"CLOSED_LOOP.{name.upper()}: expected 0 or more ticks, found {getattr(self, name)}")
+
+    @classmethod
+    def from_config(cls, cfg: Mapping[str, Any]) -> EpisodeSettings:
+        """From CLOSED_LOOP, whose keys are the fields' names in capitals; what it leaves out is as above."""
+        dynamics = LongitudinalModel(**_fields(LongitudinalModel, cfg.get("DYNAMICS", {}), "CLOSED_LOOP.DYNAMICS"))
+        plain = {key: value for key, value in cfg.items() if key != "DYNAMICS"}
+        return cls(dynamics=dynamics, **_fields(cls, plain, "CLOSED_LOOP"))
+
+
+def _fields(settings: type, cfg: Mapping[str, Any], where: str) -> dict[str, Any]:
+    known = [f.name for f in fields(settings)]
+    for key in cfg:
+        if key.lower() not in known:
+            raise ConfigError(f"{where}: unknown key {key!r}; known: {', '.join(known).upper()}")
+    return {key.lower(): value for key, value in cfg.items()}
