@@ -14,6 +14,7 @@ from pcdet_avp.datasets import build_dataset, has_split
 from pcdet_avp.engine import checkpoint
 from pcdet_avp.engine.distributed import Ranks
 from pcdet_avp.engine.evaluate import benchmark, detect, driving_thresholds
+from pcdet_avp.engine.gains import roadside_gains
 from pcdet_avp.engine.outputs import write_json, write_text
 from pcdet_avp.engine.wire import Wire
 from pcdet_avp.evaluation.benchmark_table import render
@@ -35,12 +36,14 @@ class TestResult:
     rows: list[dict]
     texts: dict[str, str]
     detections: dict[str, list[Detections]] = field(default_factory=dict)
+    gains: list[str] = field(default_factory=list)  # the roadside's, with intervals
 
     @property
     def tables(self) -> str:
-        """The benchmark table of every region, beside the paper's."""
+        """The benchmark table of every region, beside the paper's, and how sure the roadside's gain is."""
         regions = list(dict.fromkeys(row["region"] for row in self.rows))
-        return "\n\n".join(render(self.rows, self.meta["config"], region) for region in regions)
+        parts = [render(self.rows, self.meta["config"], region) for region in regions]
+        return "\n\n".join([*parts, "\n".join(self.gains)]).rstrip()
 
     def write(self, folder: Path, json_file: Path | None = None, save_to_file: bool = False) -> None:
         """``result.json``, ``table.md``, details and detections into a folder; the JSON also to a file of its own.
@@ -92,7 +95,8 @@ def run_test(
     seed = content.get("sampler", {}).get("seed")
     weights = checkpoint.weights_hash(content["model_state"])
     meta = provenance(cfg, config_name, seed=seed, weights_hash=weights, started=started)
-    return TestResult(meta | _about(path, content, dataset, wire), rows, texts, found.detections)
+    gains = roadside_gains(dataset, found.detections)
+    return TestResult(meta | _about(path, content, dataset, wire), rows, texts, found.detections, gains)
 
 
 def _about(path: Path, content: Mapping[str, Any], dataset: Any, wire: bool) -> dict[str, Any]:
