@@ -19,7 +19,7 @@ LATE = CrossingConfig(
     sides=(-1,),
     child_share=0.75,
     setback_m=(2.8, 3.2),
-    vans_out_m=(0.4, 0.55),
+    vans_out_m=(0.1, 0.2),
 )
 SCENARIOS: dict[str, Callable[[int, int, float], Scenario]] = {
     "pedestrian": partial(crossing_episode, "pedestrian", CrossingConfig()),
