@@ -40,6 +40,7 @@ from pcdet_avp.structures.sensor_set import SENSOR_SETS, SOURCES
 POINTPILLARS = [  # OpenPCDet's cfgs/kitti_models/pointpillar.yaml has 432 x 496 cells
     *("DATA_CONFIG.POINT_CLOUD_RANGE", "[0.0, -39.68, -0.5, 69.12, 39.68, 3.5]"),
     *("MODEL.LIDAR_ENCODER.ATTENTION", "null"),
+    *("MODEL.FUSER.NAME", "AverageFusion"),
 ]
 Stage = tuple[str, Callable[[dict], dict]]
 
