@@ -116,23 +116,25 @@ def _sum_of_samples(values: Tensor, places: Tensor, scores: Tensor) -> Tensor:
 
 
 def _bag_sum(values: Tensor, places: Tensor, scores: Tensor) -> Tensor:
-    """``deformable_sum`` in half of the time, without a backward pass: the corners of all samples are one bag."""
+    """``deformable_sum`` in a third of the time, without a backward pass: the corners of all samples are one bag.
+
+    Zeros around the map, one cell before and two behind, give every place four neighbours.
+    """
     b, height, width, heads, d = values.shape
-    (x, y), scores = places.unbind(-1), scores.contiguous()  # (b, h, w, M, K) each
-    left, top = x.floor(), y.floor()
-    right_share, lower_share = x - left, y - top
-    columns = [(left, 1 - right_share), (left + 1, right_share)]
-    rows = [(top, (1 - lower_share) * scores), (top + 1, lower_share * scores)]
-    columns = [(col.clamp(0, width - 1), share * ((col >= 0) & (col < width))) for col, share in columns]
-    rows = [(row.clamp(0, height - 1) * width, share * ((row >= 0) & (row < height))) for row, share in rows]
-    cells = torch.stack([row + col for row, _ in rows for col, _ in columns], -1).long()  # (b, h, w, M, K, 4)
-    shares = torch.stack([share * part for _, share in rows for _, part in columns], -1)
-    sample, head = (torch.arange(n, device=values.device) for n in (b, heads))
-    cells = cells.add_(sample.view(b, 1, 1, 1, 1, 1) * (height * width)).mul_(heads).add_(head.view(heads, 1, 1))
-    sums = F.embedding_bag(
-        cells.view(-1, 4 * scores.shape[-1]),
-        values.reshape(-1, d),
-        per_sample_weights=shares.view(-1, 4 * scores.shape[-1]),
-        mode="sum",
-    )
-    return sums.view(*scores.shape[:-1], d)
+    table = F.pad(values, (0, 0, 0, 0, 1, 2, 1, 2))
+    step, rows = heads * (width + 3), height + 3  # table rows of (map row, column, head)
+    x, y = (places[..., i].clamp(-1, n) + 1 for i, n in enumerate((width, height)))  # (b, h, w, M, K) each
+    left, top = x.int(), y.int()  # rounded down, as neither is negative
+    first = left.mul_(heads).add_(top * step)
+    sample, head = (torch.arange(n, device=values.device, dtype=torch.int32) for n in (b, heads))
+    first += sample.view(b, 1, 1, 1, 1) * (rows * step) + head[:, None]
+    right, lower = x.frac_(), y.frac_()
+    lower_score = lower * scores
+    upper_score = scores - lower_score
+    shares = scores.new_empty(*scores.shape, 4)  # upper left, upper right, lower left, lower right
+    for corner, score in ((0, upper_score), (2, lower_score)):
+        torch.mul(score, right, out=shares[..., corner + 1])
+        torch.sub(score, shares[..., corner + 1], out=shares[..., corner])
+    cells = first[..., None] + first.new_tensor([0, heads, step, step + heads])
+    cells, shares = (part.view(-1, 4 * scores.shape[-1]) for part in (cells, shares))
+    return F.embedding_bag(cells, table.view(-1, d), per_sample_weights=shares, mode="sum").view(*scores.shape[:-1], d)
