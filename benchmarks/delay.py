@@ -52,9 +52,7 @@ from pcdet_avp.sim.scenarios import TrainingScene, draw_training_scene
 from pcdet_avp.structures.frame import Frame
 from pcdet_avp.structures.sensor_set import SensorSet
 
-INFRA = ("infra_camera", "infra_lidar")
 ROADSIDE = SensorSet(False, False, True, True)
-NO_BUDGET = 1 << 30
 
 
 class Past:
@@ -72,7 +70,7 @@ class Past:
         name, _, frame = recorded.frame_id.partition("/")
         number, key = self.numbers[name], (self.manifest.seed, self.numbers[name], int(frame))
         world = self._drawn(number).seek_time(recorded.time_s - delay_s)
-        return replace(recorded, infra=capture(world, self.rig, key, recorded.frame_id, sources=INFRA).infra)
+        return replace(recorded, infra=capture(world, self.rig, key, recorded.frame_id, sources=ROADSIDE.sources).infra)
 
     def _drawn(self, number: int) -> TrainingScene:
         if self._scene[0] != number:
@@ -112,7 +110,7 @@ class Network:
     """Both halves of the network, and what lies between them."""
 
     def __init__(self, model, dataset, device) -> None:
-        self.roadside = RoadsideHalf(model, NrV2xConfig().max_segment_bytes, NO_BUDGET)
+        self.roadside = RoadsideHalf(model, NrV2xConfig().max_segment_bytes)
         self.vehicle, self.dataset, self.device = VehicleHalf(model), dataset, device
 
     def maps(self, seen: Frame) -> list:

@@ -27,8 +27,8 @@ from pcdet_avp.datasets.avp.collate import collate, load_batch
 from pcdet_avp.datasets.avp.prepare import PrepareConfig, prepare
 from pcdet_avp.engine.bandwidth.ages import age_rows
 from pcdet_avp.engine.bandwidth.plan import Transmission, paper_budget_bytes
-from pcdet_avp.engine.bandwidth.transmit import describe, to_segments
-from pcdet_avp.engine.halves import INFRA, latent_shape
+from pcdet_avp.engine.bandwidth.transmit import describe, segments_of
+from pcdet_avp.engine.halves import latent_shape
 from pcdet_avp.generate import plan, scene_config
 from pcdet_avp.link import NrV2xConfig
 from pcdet_avp.link.nr_v2x import BYTES_PER_SLOT
@@ -36,7 +36,7 @@ from pcdet_avp.link.precision import PRECISIONS
 from pcdet_avp.models import build_network
 from pcdet_avp.sim.rig import Rig, capture
 from pcdet_avp.sim.scenarios import draw_training_scene
-from pcdet_avp.structures.sensor_set import SensorSet
+from pcdet_avp.structures.sensor_set import SensorSet, modality_of
 
 ROADSIDE = SensorSet(False, False, True, True)
 
@@ -64,15 +64,15 @@ def roadside_batches(cfg, data_cfg, frames: int) -> Iterator[dict]:
         rng = np.random.default_rng(np.random.SeedSequence([settings["SEED"], number]))
         scene = draw_training_scene(rng, scene_config(settings))
         key, frame_id = (settings["SEED"], number, 0), f"{number:04d}/000"
-        frame = capture(scene.seek(0), rig, key, frame_id, sources=INFRA)
+        frame = capture(scene.seek(0), rig, key, frame_id, sources=ROADSIDE.sources)
         yield load_batch(collate([prepare(frame, ROADSIDE, config)]), "cpu")
 
 
 def latents_of(model: nn.Module, batch_dict: dict) -> dict[str, Tensor]:
     """modality -> (c, h, w)."""
     with torch.no_grad():
-        latents = model.codec.compress(model.encode(batch_dict, INFRA))["latents"]
-    return {source.partition("_")[2]: latent.values[0] for source, latent in latents.items()}
+        latents = model.encode_roadside(batch_dict)
+    return {modality_of(source): latent.values[0] for source, latent in latents.items()}
 
 
 def print_table(latents: list[dict[str, Tensor]], budget: int, room: int) -> None:
@@ -86,7 +86,7 @@ def print_table(latents: list[dict[str, Tensor]], budget: int, room: int) -> Non
     }
     for label, way in ways.items():
         for modality in latents[0]:
-            sent = [describe(to_segments(of_frame[modality], modality, way, room)) for of_frame in latents]
+            sent = [describe(segments_of(of_frame[modality], modality, way, room)) for of_frame in latents]
             sizes, blocks = [s.bytes for s in sent], np.mean([s.blocks for s in sent])
             numbers = (np.median(sizes), np.quantile(sizes, 0.95), max(sizes))
             sparsity = 1 - np.mean([s.occupied for s in sent])
@@ -100,7 +100,7 @@ def print_ages(latents: list[dict[str, Tensor]], precision: str) -> None:
     print(f"\n{precision} at 20 Hz: " + "".join(f"{name:>14}" for name in ("air busy", "camera age", "lidar age")))
     for mcs in BYTES_PER_SLOT:
         room, way = NrV2xConfig(mcs=mcs).max_segment_bytes, Transmission(precision)
-        blocks = {m: [len(to_segments(of[m], m, way, room)) for of in latents] for m in latents[0]}
+        blocks = {m: [len(segments_of(of[m], m, way, room)) for of in latents] for m in latents[0]}
         rows = [row for row in age_rows({mcs: blocks}, seed=0) if row.loss == 0]
         ages = "".join(f"{1e3 * row.mean_age_s:11.1f} ms" if row.mean_age_s else f"{'none':>14}" for row in rows)
         print(f"MCS {mcs:<3}{'':>{len(precision) + 4}}{100 * rows[0].air_busy:12.1f} %{ages}")

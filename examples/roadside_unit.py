@@ -25,7 +25,7 @@ from pcdet_avp.engine.halves import RoadsideHalf
 from pcdet_avp.engine.testing import load_network
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.link import NrV2xConfig
-from pcdet_avp.structures.pose import Pose
+from pcdet_avp.structures.frame import Frame
 from pcdet_avp.structures.sensor_set import SensorSet
 
 SENSORS = SensorSet(False, False, True, True)
@@ -51,25 +51,23 @@ def address(text: str) -> tuple[str, int]:
     return host, int(port)
 
 
-def recording(dataset, frames: int, device) -> list[tuple[dict, Pose]]:
-    """(batch of one, pose of the mast) of the first frames of a split."""
+def recording(dataset, frames: int, sensors: SensorSet, device) -> list[tuple[dict, Frame]]:
+    """The first frames of a split, each also as the batch of one that these sensors make."""
     if frames < 1:
         raise ConfigError(f"--frames: expected 1 or more, found {frames}")
-    read = [dataset.read(index, SENSORS) for index in range(min(frames, len(dataset)))]
-    return [
-        (load_batch(collate([prepare(f, SENSORS, dataset.prepare_config)]), device), f.infra.world_from_agent)
-        for f in read
-    ]
+    read = [dataset.read(index, sensors) for index in range(min(frames, len(dataset)))]
+    return [(load_batch(collate([prepare(f, sensors, dataset.prepare_config)]), device), f) for f in read]
 
 
-def send(half: RoadsideHalf, frames: list[tuple[dict, Pose]], args: argparse.Namespace) -> None:
+def send(half: RoadsideHalf, frames: list[tuple[dict, Frame]], args: argparse.Namespace) -> None:
     """One map of each modality a tick. A frame's number is that of its tick since 1970, so that it never falls back."""
     receiver, ticks, total, first_s = address(args.to), 0, 0, time.time()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         while (now_s := time.time()) < first_s + args.seconds:
             tick = int(now_s * args.rate)
-            batch_dict, pose = frames[tick % len(frames)]
-            for payloads in half.segments(batch_dict, tick % (1 << 32), int(1e6 * now_s), pose).values():
+            batch_dict, frame = frames[tick % len(frames)]
+            sent = half.segments(batch_dict, tick % (1 << 32), int(1e6 * now_s), frame.infra.world_from_agent)
+            for payloads in sent.values():
                 for payload in payloads:
                     total += sender.sendto(payload, receiver)
             ticks += 1
@@ -86,8 +84,8 @@ def main() -> None:
     dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split=args.split)
     model, _ = load_network(cfg, args.ckpt, dataset, ranks, logging.getLogger("roadside"))
     half = RoadsideHalf(model, NrV2xConfig().max_segment_bytes, args.budget)
-    frames = recording(dataset, args.frames, ranks.device)
-    half.segments(frames[0][0], 0, 0, frames[0][1])  # the first call compiles
+    frames = recording(dataset, args.frames, SENSORS, ranks.device)
+    half.segments(frames[0][0], 0, 0, frames[0][1].infra.world_from_agent)  # the first call compiles
     print(f"sending {len(frames)} frames of {args.split} to {args.to} for {args.seconds:g} s", flush=True)
     send(half, frames, args)
 

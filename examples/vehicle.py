@@ -19,18 +19,17 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from roadside_unit import address
+from roadside_unit import address, recording
 
 from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
 from pcdet_avp.datasets import build_dataset
-from pcdet_avp.datasets.avp.collate import load_batch
 from pcdet_avp.engine import distributed
 from pcdet_avp.engine.halves import VehicleHalf
 from pcdet_avp.engine.testing import load_network
 from pcdet_avp.errors import ConfigError, LinkError
 from pcdet_avp.link import LatentMap, Receiver
 from pcdet_avp.link.header import MODALITIES
-from pcdet_avp.structures.pose import Pose
+from pcdet_avp.structures.frame import Frame
 from pcdet_avp.structures.sensor_set import SensorSet
 
 LARGEST_DATAGRAM = 65_535
@@ -74,20 +73,6 @@ class Report:
         return f"{text}  lost cells {loss:4.1f} %  age {age:4.0f} ms  {np.mean(self.found):5.1f} boxes"
 
 
-def recording(dataset, frames: int, vehicle: str, device) -> list[tuple[dict, Pose]]:
-    """(batch of one, pose of the vehicle) of the first frames of a split."""
-    if frames < 1:
-        raise ConfigError(f"--frames: expected 1 or more, found {frames}")
-    combo = f"{vehicle}+none"
-    return [
-        (
-            load_batch(dataset.collate_batch([dataset[(index, combo)]]), device),
-            dataset.read(index, SensorSet(False, False, False, False)).ego.world_from_agent,
-        )
-        for index in range(min(frames, len(dataset)))
-    ]
-
-
 def segments(receiving: socket.socket) -> Iterator[bytes]:
     """What arrives within a tick; where something does, also what follows without a pause."""
     deadline_s, wait_s = time.monotonic() + 2 * TICK_S, TICK_S
@@ -103,7 +88,7 @@ def newest_maps(receiver: Receiver) -> list[LatentMap]:
     return [found for found in known if found.stamp.frame_id == max(k.stamp.frame_id for k in known)]
 
 
-def drive(half: VehicleHalf, frames: list[tuple[dict, Pose]], receiving: socket.socket, args) -> Report:
+def drive(half: VehicleHalf, frames: list[tuple[dict, Frame]], receiving: socket.socket, args) -> Report:
     """Fuse and print until the time is over; the report of all of it."""
     receiver, rng = Receiver(half.shape, int(1e6 * args.max_age)), np.random.default_rng(0)
     wait_until_s, until_s, last_frame = time.monotonic() + args.wait, None, -1
@@ -119,8 +104,8 @@ def drive(half: VehicleHalf, frames: list[tuple[dict, Pose]], receiving: socket.
             if until_s is None:
                 until_s, whole, second = time.monotonic() + args.seconds, Report(), Report()
             last_frame = maps[0].stamp.frame_id
-            batch_dict, world_from_ego = frames[last_frame % len(frames)]
-            boxes = len(half.detect(batch_dict, world_from_ego, maps)["pred_boxes"])
+            batch_dict, frame = frames[last_frame % len(frames)]
+            boxes = len(half.detect(batch_dict, frame.ego.world_from_agent, maps)["pred_boxes"])
             whole.add(maps, boxes)
             second.add(maps, boxes)
         if until_s is not None and time.time() - second.began_s >= 1.0:
@@ -156,8 +141,9 @@ def main() -> None:
             raise LinkError(f"--listen {args.listen}: cannot be bound ({error.strerror})") from error
         dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split=args.split)
         model, _ = load_network(cfg, args.ckpt, dataset, ranks, logging.getLogger("vehicle"))
-        half, frames = VehicleHalf(model), recording(dataset, args.frames, args.vehicle, ranks.device)
-        half.detect(frames[0][0], frames[0][1], [])  # the first call compiles
+        sensors = SensorSet.parse(f"{args.vehicle}+none")
+        half, frames = VehicleHalf(model), recording(dataset, args.frames, sensors, ranks.device)
+        half.detect(frames[0][0], frames[0][1].ego.world_from_agent, [])  # the first call compiles
         print(f"listening on {args.listen}", flush=True)
         print("all: " + drive(half, frames, receiving, args).line().strip())
 

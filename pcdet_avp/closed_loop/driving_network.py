@@ -46,12 +46,6 @@ class DrivingNetwork:
     def device(self) -> torch.device:
         return self.network.global_step.device
 
-    @property
-    def latent_shape(self) -> tuple[int, int, int]:
-        """(c, h, w) of the roadside maps that it sends and takes."""
-        grid = self.input.prepare_config.grid
-        return self.network.codec.codecs["lidar"].latent_shape(grid.height, grid.width)
-
 
 def untrained(cfg: Mapping, seed: int = 0) -> DrivingNetwork:
     """A network with random weights: to try things out and to measure times."""

@@ -27,7 +27,7 @@ from pcdet_avp.sim.rig import Rig, observe
 from pcdet_avp.sim.world import World
 from pcdet_avp.structures.frame import Frame
 from pcdet_avp.structures.pose import Pose
-from pcdet_avp.structures.sensor_set import SOURCES, SensorSet
+from pcdet_avp.structures.sensor_set import SensorSet
 
 LINK_STREAM, LOCALISATION_STREAM, CUT_STREAM = 0, 1, 2  # of an episode's randomness, beside the sensors'
 
@@ -70,8 +70,7 @@ class NetworkPerceiver:
         """Sensors that ``combo`` lacks capture and send nothing; maps received earlier are used while they are held."""
         if combo.uses_infra and self._is_cut(world.time_s):
             combo = replace(combo, infra_camera=False, infra_lidar=False)
-        sources = [source for source, used in zip(SOURCES, combo.mask, strict=True) if used]
-        frame = observe(world, self._rig, (*self._key, tick), f"{self._name}/{tick}", sources)
+        frame = observe(world, self._rig, (*self._key, tick), f"{self._name}/{tick}", combo.sources)
         if combo.uses_infra:
             self._send(frame, combo, tick)
         self._vehicle.hear(self._downlink.receive(frame.time_s))

@@ -10,14 +10,13 @@ import torch
 from pcdet_avp.closed_loop.driving_network import DrivingNetwork
 from pcdet_avp.datasets.avp.collate import collate, load_batch
 from pcdet_avp.datasets.avp.prepare import prepare
+from pcdet_avp.engine.halves import VehicleHalf
 from pcdet_avp.evaluation.inputs import Detections
 from pcdet_avp.link.packet import LatentMap
 from pcdet_avp.link.receiver import Receiver
-from pcdet_avp.models.compression.bev_codec import ROADSIDE
-from pcdet_avp.models.compression.map_packets import as_latent
 from pcdet_avp.structures.frame import Frame
 from pcdet_avp.structures.pose import Pose
-from pcdet_avp.structures.sensor_set import SensorSet
+from pcdet_avp.structures.sensor_set import INFRA_SOURCES, SensorSet, modality_of
 
 Maps = dict[str, LatentMap]  # by source
 
@@ -26,8 +25,8 @@ class Onboard:
     """One vehicle in one episode. Received maps count until they are ``hold_s`` old."""
 
     def __init__(self, driving: DrivingNetwork, hold_s: float) -> None:
-        self._driving = driving
-        self._receiver = Receiver(driving.latent_shape, round(1e6 * hold_s))
+        self._driving, self._half = driving, VehicleHalf(driving.network)
+        self._receiver = Receiver(self._half.shape, round(1e6 * hold_s))
 
     def hear(self, payloads: Iterable[bytes]) -> None:
         """Take what arrived; damaged, foreign, repeated and outdated segments are as if they had never come."""
@@ -36,7 +35,7 @@ class Onboard:
 
     def held(self, time_s: float) -> Maps:
         """The newest map worth using of every roadside source at a time; empty where nothing is young enough."""
-        taken = {source: self._receiver.take(source.split("_")[1], round(1e6 * time_s)) for source in ROADSIDE}
+        taken = {source: self._receiver.take(modality_of(source), round(1e6 * time_s)) for source in INFRA_SOURCES}
         return {source: known for source, known in taken.items() if known is not None}
 
     def detect(self, frame: Frame, camera: bool, lidar: bool, world_from_ego: Pose, held: Maps) -> Detections:
@@ -55,15 +54,5 @@ class Onboard:
         """As ``detect``, up to the head's boxes and logits (see ``AnchorHeadSingle``)."""
         sample = prepare(frame, SensorSet(camera, lidar, False, False), self._driving.input.prepare_config)
         batch_dict = load_batch(collate([sample]), self._driving.device)
-        network, received = self._driving.network, self._received(world_from_ego, held)
         with self._driving.computing():
-            return network.fuse_and_detect({**network.encode_vehicle(batch_dict), **received})
-
-    def _received(self, world_from_ego: Pose, held: Maps) -> dict:
-        """``latents`` and ``ego_from_sender`` of the maps in ``held``."""
-        ego_from_world, device = world_from_ego.inverse(), self._driving.device
-        poses = {source: (ego_from_world @ known.stamp.world_from_agent).matrix for source, known in held.items()}
-        return {
-            "latents": {source: as_latent(known, device) for source, known in held.items()},
-            "ego_from_sender": {s: torch.tensor(m, dtype=torch.float32, device=device)[None] for s, m in poses.items()},
-        }
+            return self._half.run(batch_dict, world_from_ego, held.values())

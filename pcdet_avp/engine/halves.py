@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection
 
-import numpy as np
 import torch
 from torch import nn
 
 from pcdet_avp.errors import ConfigError
-from pcdet_avp.link import LatentMap, MapStamp, encode_within
-from pcdet_avp.models.compression.map_packets import as_latent
+from pcdet_avp.link import LatentMap, MapStamp
+from pcdet_avp.models.compression.map_packets import MapPacker, as_latent
 from pcdet_avp.structures.pose import Pose
+from pcdet_avp.structures.sensor_set import modality_of
 
 
 def latent_shape(model: nn.Module) -> tuple[int, int, int]:
@@ -25,41 +25,51 @@ def latent_shape(model: nn.Module) -> tuple[int, int, int]:
 class RoadsideHalf:
     """Sensors to segments: the roadside's encoders and the compressor."""
 
-    def __init__(self, model: nn.Module, max_segment_bytes: int, budget_bytes: int) -> None:
-        """``budget_bytes``: what a map may take, everything counted."""
-        self.model, self.shape = model.eval(), latent_shape(model)
-        self.max_segment_bytes, self.budget_bytes = max_segment_bytes, budget_bytes
+    def __init__(
+        self, model: nn.Module, max_segment_bytes: int, budget_bytes: int | None = None, asked_by: str = "roadside"
+    ) -> None:
+        """``budget_bytes`` and ``asked_by`` as in ``MapPacker``."""
+        self._model = model.eval()
+        self._packer = MapPacker(model.codec, max_segment_bytes, asked_by, budget_bytes)
 
+    @torch.no_grad()
     def segments(self, batch_dict: dict, frame_id: int, time_us: int, world_from_infra: Pose) -> dict[str, list[bytes]]:
-        """modality -> segments of one frame's map; ``batch_dict`` as from ``load_batch``, its vehicle unused."""
-        with torch.no_grad():
-            latents = self.model.encode_roadside(batch_dict)
-        sent = {}
-        for source, latent in latents.items():
-            modality = source.partition("_")[2]
-            stamp = MapStamp.at_pose(frame_id, time_us, modality, world_from_infra)
-            values = np.ascontiguousarray(latent.values[0].cpu().numpy())
-            precision = self.model.codec.codec_of(source).precision
-            sent[modality] = encode_within(values, stamp, self.max_segment_bytes, precision, self.budget_bytes)
-        return sent
+        """source -> segments of one frame's map; ``batch_dict`` as from ``load_batch``, its vehicle unused."""
+        return {
+            source: self._packer.pack(
+                latent.values[0], MapStamp.at_pose(frame_id, time_us, modality_of(source), world_from_infra)
+            )
+            for source, latent in self._model.encode_roadside(batch_dict).items()
+        }
 
 
 class VehicleHalf:
-    """Sensors and received maps to boxes: the vehicle's encoders and everything behind the link."""
+    """Sensors and received maps to boxes: the vehicle's encoders and everything behind the link.
+
+    The batch is one frame's, as from ``load_batch``, its roadside unused; maps may be any number of sources, captured
+    at any time. Each is placed by its own pose and ``world_from_ego``, where the vehicle believes to be.
+    """
 
     def __init__(self, model: nn.Module) -> None:
-        self.model, self.shape = model.eval(), latent_shape(model)
+        self._model, self.shape = model.eval(), latent_shape(model)
 
-    def detect(self, batch_dict: dict, world_from_ego: Pose, maps: Sequence[LatentMap]) -> dict[str, torch.Tensor]:
-        """pred_boxes (n, 7), pred_scores (n,), pred_labels (n,) of one frame; ``maps``: any number, of one mast.
+    @torch.no_grad()
+    def detect(self, batch_dict: dict, world_from_ego: Pose, maps: Collection[LatentMap]) -> dict[str, torch.Tensor]:
+        """pred_boxes (n, 7), pred_scores (n,), pred_labels (n,) in the ego frame."""
+        return self._model.post_processing(self.run(batch_dict, world_from_ego, maps))[0][0]
 
-        ``batch_dict`` as from ``load_batch``, its roadside unused; the pose of the mast is the maps' own.
-        """
-        with torch.no_grad():
-            batch = self.model.encode_vehicle(batch_dict)
-            like = batch_dict["ego_from_infra"]
-            batch["latents"] = {f"infra_{known.stamp.modality}": as_latent(known, like.device) for known in maps}
-            if maps:
-                ego_from_infra = world_from_ego.inverse() @ maps[0].stamp.world_from_agent
-                batch["ego_from_infra"] = like.new_tensor(ego_from_infra.matrix)[None]
-            return self.model.post_processing(self.model.fuse_and_detect(batch))[0][0]
+    @torch.no_grad()
+    def run(self, batch_dict: dict, world_from_ego: Pose, maps: Collection[LatentMap]) -> dict:
+        """As ``detect``, up to the head's boxes and logits (see ``AnchorHeadSingle``)."""
+        received = self._received(batch_dict["ego_from_infra"], world_from_ego, maps)
+        return self._model.fuse_and_detect({**self._model.encode_vehicle(batch_dict), **received})
+
+    @staticmethod
+    def _received(like: torch.Tensor, world_from_ego: Pose, maps: Collection[LatentMap]) -> dict:
+        """``latents`` and ``ego_from_sender`` of the maps, by source, on the device of ``like``."""
+        ego_from_world, by_source = world_from_ego.inverse(), {f"infra_{known.stamp.modality}": known for known in maps}
+        poses = {source: ego_from_world @ known.stamp.world_from_agent for source, known in by_source.items()}
+        return {
+            "latents": {source: as_latent(known, like.device) for source, known in by_source.items()},
+            "ego_from_sender": {source: like.new_tensor(pose.matrix)[None] for source, pose in poses.items()},
+        }

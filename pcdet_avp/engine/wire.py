@@ -12,6 +12,7 @@ from pcdet_avp.link.nr_v2x import NrV2xConfig
 from pcdet_avp.link.packet import decode
 from pcdet_avp.models.compression.bev_codec import Latent
 from pcdet_avp.models.compression.map_packets import MapPacker, as_latent
+from pcdet_avp.structures.sensor_set import modality_of
 
 
 class Wire:
@@ -25,7 +26,7 @@ class Wire:
 
     def __call__(self, latents: Mapping[str, Latent]) -> dict[str, Latent]:
         """{source: Latent} as the roadside made them -> as the vehicle decoded them."""
-        return {source: self._transmit(latent, source.split("_")[1]) for source, latent in latents.items()}
+        return {source: self._transmit(latent, modality_of(source)) for source, latent in latents.items()}
 
     def take_sizes(self) -> dict[str, list[int]]:
         """Bytes of every map sent since the last call, headers and checksums counted, by modality."""

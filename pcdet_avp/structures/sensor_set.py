@@ -11,6 +11,12 @@ from pcdet_avp.errors import SensorError
 
 # Order of the four feature maps, of every presence mask and of the fusion slots.
 SOURCES = ("ego_camera", "ego_lidar", "infra_camera", "infra_lidar")
+EGO_SOURCES, INFRA_SOURCES = SOURCES[:2], SOURCES[2:]
+
+
+def modality_of(source: str) -> str:
+    """``"infra_camera"`` -> ``"camera"``."""
+    return source.partition("_")[2]
 
 
 @dataclass(frozen=True)
@@ -33,6 +39,11 @@ class SensorSet:
     def mask(self) -> tuple[bool, bool, bool, bool]:
         """Presence in the order of ``SOURCES``."""
         return (self.ego_camera, self.ego_lidar, self.infra_camera, self.infra_lidar)
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """The sources in use, in the order of ``SOURCES``."""
+        return tuple(source for source, used in zip(SOURCES, self.mask, strict=True) if used)
 
     @property
     def name(self) -> str:

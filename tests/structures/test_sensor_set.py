@@ -5,7 +5,7 @@ from itertools import product
 import pytest
 
 from pcdet_avp.errors import SensorError
-from pcdet_avp.structures.sensor_set import SENSOR_SETS, SOURCES, SensorSet
+from pcdet_avp.structures.sensor_set import EGO_SOURCES, INFRA_SOURCES, SENSOR_SETS, SOURCES, SensorSet, modality_of
 
 
 def test_six_combinations_in_the_order_of_the_papers_tables():
@@ -18,8 +18,15 @@ def test_a_name_says_which_sources_are_present(name):
     expected = ("C" in vehicle, "L" in vehicle, "C" in infra, "L" in infra)
     sensors = SensorSet.parse(name)
     assert dict(zip(SOURCES, sensors.mask, strict=True)) == dict(zip(SOURCES, expected, strict=True))
+    assert sensors.sources == tuple(source for source, present in zip(SOURCES, expected, strict=True) if present)
     assert sensors.name == name
     assert sensors.uses_infra == (infra != "none")
+
+
+def test_each_agent_has_a_camera_and_a_lidar():
+    assert (*EGO_SOURCES, *INFRA_SOURCES) == SOURCES
+    for agent, sources in (("ego", EGO_SOURCES), ("infra", INFRA_SOURCES)):
+        assert [f"{agent}_{modality_of(source)}" for source in sources] == [f"{agent}_camera", f"{agent}_lidar"]
 
 
 @pytest.mark.parametrize("name", ["", "c+c", "L+none", "CL", "CL+L", "CL+CL "])

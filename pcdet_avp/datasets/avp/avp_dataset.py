@@ -21,7 +21,7 @@ from pcdet_avp.evaluation import Detections, GroundTruth, Region, evaluate
 from pcdet_avp.evaluation.detections_file import write_texts
 from pcdet_avp.registry import DATASETS
 from pcdet_avp.structures.frame import Frame
-from pcdet_avp.structures.sensor_set import SOURCES, SensorSet
+from pcdet_avp.structures.sensor_set import SensorSet
 
 UNSET_EPOCH = -1
 
@@ -93,8 +93,7 @@ class AvpDataset(torch.utils.data.Dataset):
 
     def read(self, index: int, sensor_set: SensorSet) -> Frame:
         """The frame as recorded, with the data of the sensors in ``sensor_set``."""
-        sources = [source for source, used in zip(SOURCES, sensor_set.mask, strict=True) if used]
-        return read_frame(self.root_path, self.frame_ids[index], sources)
+        return read_frame(self.root_path, self.frame_ids[index], sensor_set.sources)
 
     def set_epoch(self, epoch: int) -> None:
         """Augmentation depends on (seed, epoch, index); until this is called, the epoch is a frame's visit count."""

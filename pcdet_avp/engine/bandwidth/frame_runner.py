@@ -12,11 +12,11 @@ from torch import Tensor, nn
 
 from pcdet_avp.engine.bandwidth.late_fusion import Boxes, in_roadside_range, merge
 from pcdet_avp.engine.bandwidth.plan import Point, Transmission
-from pcdet_avp.engine.bandwidth.transmit import Sent, modality_of, to_segments, transmit, unthinned
+from pcdet_avp.engine.bandwidth.transmit import Sent, segments_of, transmit, unthinned
 from pcdet_avp.link.nr_v2x import BYTES_PER_SLOT, NrV2xConfig
 from pcdet_avp.models.compression import Latent
 from pcdet_avp.structures.pose import Pose
-from pcdet_avp.structures.sensor_set import SOURCES, SensorSet
+from pcdet_avp.structures.sensor_set import SensorSet, modality_of
 
 ROADSIDE = SensorSet(False, False, True, True)
 
@@ -89,7 +89,7 @@ class _Frame:
 
     def fused(self, sensors: SensorSet, latents: Mapping[str, Latent], ego_from_infra: Tensor) -> Boxes:
         """From what the vehicle has and has received; computed once for equal inputs."""
-        latents = {source: latent for source, latent in latents.items() if sensors.mask[SOURCES.index(source)]}
+        latents = {source: latent for source, latent in latents.items() if source in sensors.sources}
         key = (sensors, _fingerprint(ego_from_infra), *((s, _fingerprint(*_tensors(x))) for s, x in latents.items()))
         if key not in self._found:
             batch = {**self.with_sources(sensors), "latents": latents, "ego_from_infra": ego_from_infra}
@@ -98,7 +98,7 @@ class _Frame:
 
     def with_sources(self, sensors: SensorSet) -> dict:
         """The encoded frame as a vehicle with these sensors has it."""
-        used = [s for s in self.batch["bev_maps"] if sensors.mask[SOURCES.index(s)]]
+        used = [s for s in self.batch["bev_maps"] if s in sensors.sources]
         kept = {key: {s: self.batch[key][s] for s in used} for key in ("bev_maps", "bev_valid")}
         mask = self.batch["source_present"].new_tensor([sensors.mask])
         return {**self.batch, **kept, "source_present": mask * self.batch["source_present"]}
@@ -133,7 +133,7 @@ class _Frame:
         """Transport blocks of every map, by MCS."""
         rooms = {mcs: NrV2xConfig(mcs=mcs).max_segment_bytes for mcs in BYTES_PER_SLOT}
         return {
-            mcs: {s: len(to_segments(x, modality_of(s), transmission, room)) for s, x in self.thinned.items()}
+            mcs: {s: len(segments_of(x, modality_of(s), transmission, room)) for s, x in self.thinned.items()}
             for mcs, room in rooms.items()
         }
 

@@ -14,11 +14,10 @@ from pcdet_avp.engine.bandwidth.ages import RATE_HZ
 from pcdet_avp.engine.bandwidth.late_fusion import Boxes, message_bytes
 from pcdet_avp.engine.bandwidth.plan import ALONE, Point
 from pcdet_avp.engine.bandwidth.study import Study
-from pcdet_avp.engine.bandwidth.transmit import modality_of
 from pcdet_avp.evaluation import Detections, GroundTruth, Region, bootstrap_gain
 from pcdet_avp.evaluation.average_precision import STRICT_IOU, ap_table, thresholds
 from pcdet_avp.evaluation.matching import pair_up
-from pcdet_avp.structures.sensor_set import SOURCES, SensorSet
+from pcdet_avp.structures.sensor_set import SOURCES, SensorSet, modality_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +142,7 @@ def _bytes_per_frame(study: Study, combo: str, point: Point) -> float | None:
     """Mean over the frames, all modalities that the combination uses together."""
     if point.objects:
         return _sizes(np.array([len(b.scores) for b in _roadsides(study)]))["mean"]
-    used = {s for s, present in zip(SOURCES, SensorSet.parse(combo).mask, strict=True) if present}
+    used = SensorSet.parse(combo).sources
     of_label = [result.sent.get(point.label, {}) for result in study.results]
     if not of_label[0]:
         return 0.0 if point.transmission is None else None

@@ -19,11 +19,11 @@ from pcdet_avp.link import (
     NrV2xConfig,
     Receiver,
     decode,
-    encode,
-    encode_within,
 )
 from pcdet_avp.models.compression import Latent
+from pcdet_avp.models.compression.map_packets import to_segments
 from pcdet_avp.models.precision import full_precision
+from pcdet_avp.structures.sensor_set import modality_of
 
 # Long after the last block of any map.
 LATER_S = 60.0
@@ -36,11 +36,6 @@ class Sent:
     bytes: int
     blocks: int
     occupied: float
-
-
-def modality_of(source: str) -> str:
-    """``infra_camera`` -> ``camera``."""
-    return source.partition("_")[2]
 
 
 def unthinned(codec: nn.Module, x: Tensor) -> Tensor:
@@ -60,7 +55,7 @@ def transmit(
     config = NrV2xConfig(mcs=mcs, loss=LossModel.independent(transmission.loss))
     channel, receiver, sent = NrV2xChannel(config, rng), Receiver(), {}
     for source, latent in latents.items():
-        payloads = to_segments(latent, modality_of(source), transmission, config.max_segment_bytes)
+        payloads = segments_of(latent, modality_of(source), transmission, config.max_segment_bytes)
         sent[source] = describe(payloads)
         channel.send(source, payloads, 0.0)
     for delivery in channel.receive(LATER_S):
@@ -70,13 +65,10 @@ def transmit(
     return arrived, sent
 
 
-def to_segments(latent: Tensor, modality: str, transmission: Transmission, max_segment_bytes: int) -> list[bytes]:
-    """The segments of one map; frames of a study have no clock and no pose of their own."""
-    array = np.ascontiguousarray(latent.detach().cpu().numpy())
+def segments_of(latent: Tensor, modality: str, transmission: Transmission, max_segment_bytes: int) -> list[bytes]:
+    """The segments of one map (c, h, w); frames of a study have no clock and no pose of their own."""
     stamp = MapStamp(0, 0, modality, 0.0, 0.0, 0.0)
-    if transmission.budget_bytes is None:
-        return encode(array, stamp, max_segment_bytes, transmission.precision)
-    return encode_within(array, stamp, max_segment_bytes, transmission.precision, transmission.budget_bytes)
+    return to_segments(latent, stamp, max_segment_bytes, transmission.precision, transmission.budget_bytes)
 
 
 def describe(payloads: list[bytes]) -> Sent:

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 
 from pcdet_avp.models.backbones_2d.deformable_bev_attention import DeformableBevAttention
 from pcdet_avp.structures.bev_grid import BevGrid
-from pcdet_avp.structures.sensor_set import SOURCES
+from pcdet_avp.structures.sensor_set import INFRA_SOURCES, SOURCES
 
 
 class BevEncoder(nn.Module):
@@ -72,4 +72,4 @@ def spread(x: Tensor, rows: Tensor, batch: int) -> Tensor:
 
 def suffix_of(source: str) -> str:
     """What ends the batch's keys of a source's agent: nothing for the ego, ``_infra`` for the mast."""
-    return "_infra" if source.startswith("infra") else ""
+    return "_infra" if source in INFRA_SOURCES else ""

@@ -13,9 +13,7 @@ from torch import Tensor, nn
 
 from pcdet_avp.models.compression.map_codec import MapCodec, UncompressedMap
 from pcdet_avp.registry import COMPRESSION
-from pcdet_avp.structures.sensor_set import SOURCES
-
-ROADSIDE = tuple(source for source in SOURCES if source.startswith("infra"))
+from pcdet_avp.structures.sensor_set import INFRA_SOURCES, SOURCES, modality_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,11 +40,13 @@ class BevCodec(nn.Module):
 
     def __init__(self, model_cfg: Any, channels: int) -> None:
         super().__init__()
-        self.codecs = nn.ModuleDict({source.split("_")[1]: self.map_codec(model_cfg, channels) for source in ROADSIDE})
+        self.codecs = nn.ModuleDict(
+            {modality_of(source): self.map_codec(model_cfg, channels) for source in INFRA_SOURCES}
+        )
 
     def codec_of(self, source: str) -> nn.Module:
         """The codec of a roadside source's modality."""
-        return self.codecs[source.split("_")[1]]
+        return self.codecs[modality_of(source)]
 
     def compress(self, batch_dict: dict) -> dict:
         """What the roadside sends.
@@ -58,7 +58,7 @@ class BevCodec(nn.Module):
             latent_losses {roadside source: (B,)}, zero where the source is not present
         """
         latents, losses = {}, {}
-        for source in [s for s in ROADSIDE if s in batch_dict["bev_maps"]]:
+        for source in [s for s in INFRA_SOURCES if s in batch_dict["bev_maps"]]:
             present = batch_dict["source_present"][:, SOURCES.index(source)] > 0
             values, loss = self.codec_of(source).compress(batch_dict["bev_maps"][source])
             received = present[:, None, None, None].expand(-1, 1, *values.shape[2:])
@@ -73,8 +73,8 @@ class BevCodec(nn.Module):
         Returns: batch_dict with
             bev_maps, bev_valid of the roadside sources as received, still on the roadside's grid
         """
-        maps = {source: m for source, m in batch_dict["bev_maps"].items() if source not in ROADSIDE}
-        valid = {source: v for source, v in batch_dict["bev_valid"].items() if source not in ROADSIDE}
+        maps = {source: m for source, m in batch_dict["bev_maps"].items() if source not in INFRA_SOURCES}
+        valid = {source: v for source, v in batch_dict["bev_valid"].items() if source not in INFRA_SOURCES}
         for source, latent in batch_dict["latents"].items():
             codec = self.codec_of(source)
             maps[source] = codec.decompress(torch.where(latent.received, latent.values, 0))

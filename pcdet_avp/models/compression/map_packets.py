@@ -9,25 +9,39 @@ from torch import Tensor, nn
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.link.header import MapStamp
 from pcdet_avp.link.packet import LatentMap, encode
+from pcdet_avp.link.rate_control import encode_within
 from pcdet_avp.models.compression.bev_codec import Latent
-from pcdet_avp.models.compression.latent_arrays import to_arrays
 
 
 class MapPacker:
     """Writes latents as segments, each modality at the precision that its codec rounds to, so that nothing is lost."""
 
-    def __init__(self, codec: nn.Module, max_segment_bytes: int, asked_by: str) -> None:
-        """``codec`` is the network's; ``asked_by`` names the wish for bytes where it cannot be granted."""
+    def __init__(
+        self, codec: nn.Module, max_segment_bytes: int, asked_by: str, budget_bytes: int | None = None
+    ) -> None:
+        """``codec`` is the network's; ``asked_by`` names the wish for bytes where it cannot be granted.
+
+        ``budget_bytes``: what a map may take, everything counted; None: as many as it has.
+        """
         self._precisions = {name: getattr(of_modality, "precision", None) for name, of_modality in codec.codecs.items()}
         if None in self._precisions.values():
             raise ConfigError(f"{asked_by}: MODEL.COMPRESSION sends maps as they are; there is no packet for that")
-        self._max_segment_bytes = max_segment_bytes
+        self._max_segment_bytes, self._budget_bytes = max_segment_bytes, budget_bytes
 
     def pack(self, values: Tensor, stamp: MapStamp) -> list[bytes]:
         """Segments of one map (c, h, w)."""
         precision = self._precisions[stamp.modality]
-        array = np.ascontiguousarray(values.detach().cpu().numpy())
-        return encode(array, stamp, self._max_segment_bytes, precision, to_arrays(values, precision).exponents)
+        return to_segments(values, stamp, self._max_segment_bytes, precision, self._budget_bytes)
+
+
+def to_segments(
+    values: Tensor, stamp: MapStamp, max_segment_bytes: int, precision: str, budget_bytes: int | None = None
+) -> list[bytes]:
+    """Segments of one map (c, h, w); with a budget, as many of its cells as fit (see ``link.rate_control``)."""
+    array = np.ascontiguousarray(values.detach().cpu().numpy())
+    if budget_bytes is None:
+        return encode(array, stamp, max_segment_bytes, precision)
+    return encode_within(array, stamp, max_segment_bytes, precision, budget_bytes)
 
 
 def as_latent(known: LatentMap, device: torch.device | str = "cpu") -> Latent:

@@ -12,15 +12,14 @@ from torch import Tensor, nn
 
 from pcdet_avp.errors import SensorError
 from pcdet_avp.models.checkpoint_file import read_checkpoint
-from pcdet_avp.models.compression.bev_codec import ROADSIDE, Latent
+from pcdet_avp.models.compression.bev_codec import Latent
 from pcdet_avp.models.detectors.build import build_modules
 from pcdet_avp.models.detectors.map_dropout import drop_roadside_maps, drop_segments
 from pcdet_avp.models.detectors.post_processing import PostProcessing
 from pcdet_avp.models.detectors.weights import load_weights
 from pcdet_avp.registry import DETECTORS
-from pcdet_avp.structures.sensor_set import SOURCES
+from pcdet_avp.structures.sensor_set import EGO_SOURCES, INFRA_SOURCES, SOURCES, modality_of
 
-VEHICLE = tuple(source for source in SOURCES if source not in ROADSIDE)
 Link = Callable[[dict], dict]
 
 
@@ -72,11 +71,11 @@ class AvpCp(nn.Module):
 
     def encode_roadside(self, batch_dict: dict) -> dict[str, Latent]:
         """What the roadside sends, by source; of the batch only the roadside's sensors and poses are read."""
-        return self.codec.compress(self.encode(batch_dict, ROADSIDE))["latents"]
+        return self.codec.compress(self.encode(batch_dict, INFRA_SOURCES))["latents"]
 
     def encode_vehicle(self, batch_dict: dict) -> dict:
         """The batch with the vehicle's own maps; of the batch only the vehicle's sensors are read."""
-        return self.encode(batch_dict, VEHICLE)
+        return self.encode(batch_dict, EGO_SOURCES)
 
     def fuse_and_detect(self, batch_dict: dict) -> dict:
         """From the vehicle's maps and ``latents``, what it received (of no source: nothing), to the head's boxes."""
@@ -102,7 +101,7 @@ class AvpCp(nn.Module):
 
     def encoder_of(self, source: str) -> nn.Module:
         """The encoder of a source: its own, or the one that both agents share."""
-        return self.encoders[source if source in self.encoders else source.split("_")[1]]
+        return self.encoders[source if source in self.encoders else modality_of(source)]
 
     def get_loss(self, batch_dict: dict) -> tuple[Tensor, dict]:
         """The sum over all stages that have a loss, each with its own weights inside."""

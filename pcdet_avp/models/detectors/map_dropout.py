@@ -13,11 +13,11 @@ import torch
 from torch import Tensor
 
 from pcdet_avp.models.compression.bev_codec import Latent
-from pcdet_avp.structures.sensor_set import SOURCES
+from pcdet_avp.structures.sensor_set import INFRA_SOURCES, SOURCES
 
 SEGMENTS = 8  # runs of cells in raster order that a map is cut into, about as many as fill transport blocks
 MAX_LOSS_RATE = 0.5  # of the segments of a map that loses any
-INFRA_SLOTS = [i for i, source in enumerate(SOURCES) if source.startswith("infra")]
+INFRA_SLOTS = [SOURCES.index(source) for source in INFRA_SOURCES]
 
 
 def drop_roadside_maps(batch_dict: dict, probability: float, step: int) -> dict:

@@ -10,8 +10,8 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from pcdet_avp.structures.bev_grid import BevGrid
+from pcdet_avp.structures.sensor_set import INFRA_SOURCES
 
-INFRA_SOURCES = ("infra_camera", "infra_lidar")
 # A warped cell is present when at least this share of its bilinear weight fell on present cells.
 MIN_PRESENT_SHARE = 0.5
 

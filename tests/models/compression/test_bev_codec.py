@@ -1,15 +1,13 @@
 """What is trained with is what is sent: exact zeros, exact rounding, a rate that can be steered."""
 
-import numpy as np
 import pytest
 import torch
 from easydict import EasyDict
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pcdet_avp.errors import ConfigError, GeometryError
+from pcdet_avp.errors import ConfigError
 from pcdet_avp.models.compression.bev_codec import BevCodec, Latent, NoCompression
-from pcdet_avp.models.compression.latent_arrays import SparseLatent, from_arrays, to_arrays, to_sparse_coo
 from pcdet_avp.models.compression.map_codec import MapCodec
 from pcdet_avp.models.compression.rounding import PRECISIONS, int8_exponents, round_to
 from pcdet_avp.models.compression.sparsify import CellThreshold
@@ -76,27 +74,6 @@ def test_rounding_lets_the_gradient_through():
     x = torch.randn(1, 2, 3, 3, requires_grad=True)
     round_to(x, "int8").sum().backward()
     assert x.grad.eq(1).all()
-
-
-@pytest.mark.parametrize("precision", PRECISIONS)
-def test_arrays_bring_the_latent_back_bit_for_bit(precision):
-    latent, _ = codec(PRECISION=precision).compress(half_empty_map())
-    sparse = to_arrays(latent[0].detach(), precision)
-    assert sparse.values.dtype == precision
-    assert len(sparse.values) == sparse.occupied.sum() < sparse.occupied.size
-    assert torch.equal(from_arrays(sparse), latent[0])
-
-
-def test_arrays_that_do_not_fit_are_refused():
-    with pytest.raises(GeometryError, match="3 occupied"):
-        from_arrays(SparseLatent(np.eye(3, dtype=bool), np.zeros((2, 4), np.float16)))
-
-
-def test_sparse_tensor_holds_the_same():
-    latent = codec().compress(half_empty_map())[0][0].detach()
-    sparse = to_sparse_coo(latent)
-    assert torch.equal(sparse.to_dense().permute(2, 0, 1), latent)
-    assert sparse.values().shape == (int((latent != 0).any(0).sum()), 2)
 
 
 def test_max_pooling_keeps_a_single_hot_cell():
