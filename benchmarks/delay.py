@@ -39,11 +39,12 @@ from pcdet_avp.engine.bandwidth.rows import Judge
 from pcdet_avp.engine.bandwidth.study import choose_frames
 from pcdet_avp.engine.evaluate import parse_combos
 from pcdet_avp.engine.halves import RoadsideHalf, VehicleHalf
-from pcdet_avp.engine.outputs import RunFolder, open_log, write_json, write_text
+from pcdet_avp.engine.outputs import RunFolder, open_log
 from pcdet_avp.engine.testing import load_network
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.evaluation.average_precision import LOOSE_IOU, STRICT_IOU
 from pcdet_avp.evaluation.benchmark_table import markdown_table
+from pcdet_avp.files import make_folder, write_json, write_text
 from pcdet_avp.generate import scene_config
 from pcdet_avp.link import NrV2xConfig, decode
 from pcdet_avp.provenance import provenance
@@ -201,7 +202,7 @@ def main() -> None:
     args = parse_arguments()
     cfg, ranks, name = load_arguments_config(args), distributed.start(device="cpu"), Path(args.cfg).stem
     out = args.out or RunFolder.of(args.cfg).root / "delay"
-    out.mkdir(parents=True, exist_ok=True)
+    make_folder(out)
     logger = open_log(out, "delay")
     dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split=args.split, logger=logger)
     model, content = load_network(cfg, args.ckpt, dataset, ranks, logger)

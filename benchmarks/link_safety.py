@@ -24,8 +24,8 @@ from pcdet_avp.closed_loop.link_options import LinkOptions, add_link_arguments, 
 from pcdet_avp.closed_loop.safety import crash_interval
 from pcdet_avp.closed_loop.setup import sweep_meta, sweep_of
 from pcdet_avp.closed_loop.sweep import run_sweep
-from pcdet_avp.engine.outputs import write_json, write_text
 from pcdet_avp.evaluation.benchmark_table import markdown_table
+from pcdet_avp.files import write_json, write_text
 
 LOOP_FILE = Path(__file__).resolve().parents[1] / "cfgs" / "closed_loop.yaml"
 HEAD = ["setting", "vehicle+roadside", "m/s", "crashes", "95 %", "first detection", "mean speed", "age of maps"]

@@ -23,7 +23,7 @@ from pcdet_avp.engine.bandwidth.study import StudyOptions, run_study
 from pcdet_avp.engine.evaluate import parse_combos
 from pcdet_avp.engine.outputs import RunFolder, open_log
 from pcdet_avp.engine.testing import THRESHOLDS_KEY, load_network
-from pcdet_avp.errors import ConfigError
+from pcdet_avp.files import make_folder
 from pcdet_avp.link.nr_v2x import BYTES_PER_SLOT
 from pcdet_avp.provenance import provenance
 
@@ -58,7 +58,7 @@ def main() -> None:
         budget_bytes=args.budget,
     )
     out = args.out or RunFolder.of(args.cfg).root / "bandwidth"
-    _make_folder(out)
+    make_folder(out)
     logger = open_log(out, "bandwidth")
     dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split=args.split, logger=logger)
     model, content = load_network(cfg, args.ckpt, dataset, ranks, logger)
@@ -69,13 +69,6 @@ def main() -> None:
     about = {"checkpoint": args.ckpt.name, "iterations": content.get("it")}
     write_report(make_content(study, dataset, content.get(THRESHOLDS_KEY), meta | about), out)
     print((out / "report.md").read_text(encoding="utf-8") + f"\nwritten to {out}")
-
-
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(f"{folder}: cannot make this folder ({error.strerror})") from error
 
 
 if __name__ == "__main__":

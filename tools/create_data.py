@@ -13,7 +13,6 @@ import argparse
 import os
 from pathlib import Path
 
-import cv2
 import numpy as np
 from tqdm import tqdm
 
@@ -22,10 +21,10 @@ from pcdet_avp.config import require
 from pcdet_avp.datasets.avp.manifest import Manifest
 from pcdet_avp.datasets.avp.record import read_frame
 from pcdet_avp.datasets.avp.statistics import Statistics
-from pcdet_avp.errors import ConfigError
 from pcdet_avp.generate import generate, label_frames
 from pcdet_avp.structures.bev_grid import BevGrid
 from pcdet_avp.visualization.preview import preview
+from pcdet_avp.visualization.video import write_picture
 
 
 def parse_arguments() -> argparse.Namespace:
@@ -60,15 +59,9 @@ def main() -> None:
 def write_previews(root: Path, manifest: Manifest, grid: BevGrid, count: int) -> None:
     """Pictures of ``count`` frames spread evenly over the data set."""
     frame_ids = [frame_id for scene in manifest.scenes for frame_id in scene.frame_ids]
-    folder = root / "preview"
     for index in np.linspace(0, len(frame_ids) - 1, count).round().astype(int):
-        file = folder / f"{frame_ids[index].replace('/', '_')}.png"
-        picture = preview(read_frame(root, frame_ids[index]), grid)
-        try:
-            folder.mkdir(exist_ok=True)
-            file.write_bytes(cv2.imencode(".png", picture[..., ::-1])[1].tobytes())
-        except OSError as error:
-            raise ConfigError(f"{file}: cannot be written ({error.strerror})") from error
+        file = root / "preview" / f"{frame_ids[index].replace('/', '_')}.png"
+        write_picture(file, preview(read_frame(root, frame_ids[index]), grid))
         print(f"wrote {file}")
 
 

@@ -26,6 +26,7 @@ from pcdet_avp.engine.pictures import detection_picture
 from pcdet_avp.engine.testing import THRESHOLDS_KEY, load_network
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.evaluation.detections_file import write_detections
+from pcdet_avp.files import make_folder
 from pcdet_avp.visualization.video import write_picture, write_video
 
 
@@ -49,7 +50,7 @@ def main() -> None:
     cfg, combos = load_arguments_config(args), parse_combos(args.combos)
     ranks = distributed.start(device=args.device)
     out = args.out or RunFolder.of(args.cfg).root / "demo"
-    _make_folder(out)
+    make_folder(out)
     logger = open_log(out, "demo")
     if args.data_path:
         show_clouds(args, cfg, ranks, out, logger)
@@ -85,13 +86,6 @@ def show_clouds(args: argparse.Namespace, cfg, ranks: distributed.Ranks, out: Pa
         everything.append(found)
     write_detections(out / "detections.npz", everything)
     print(f"wrote {len(files)} pictures and detections.npz to {out}")
-
-
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(f"{folder}: cannot make this folder ({error.strerror})") from error
 
 
 def _index_of(frame_id: str, dataset) -> int:

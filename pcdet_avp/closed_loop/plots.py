@@ -13,7 +13,7 @@ from pcdet_avp.closed_loop.crash_tables import BASELINE, SENSORLESS, has_paper_r
 from pcdet_avp.closed_loop.policy import INNER_M, OUTER_M, target_speed_law
 from pcdet_avp.closed_loop.results import Results
 from pcdet_avp.closed_loop.safety import Tally, crash_interval
-from pcdet_avp.engine.outputs import write_bytes
+from pcdet_avp.files import write_bytes
 
 # Of the roadside's sensors; told apart by the colour-blind too.
 COLORS = {"none": "#6e6e6e", "C": "#e08a00", "CL": "#0062a8"}

@@ -18,7 +18,7 @@ from pcdet_avp.closed_loop.crash_tables import (
 from pcdet_avp.closed_loop.plots import detection_figure, law_figure, speed_crash_figure, write_figure
 from pcdet_avp.closed_loop.results import Results, read_results
 from pcdet_avp.closed_loop.side_columns import side_columns
-from pcdet_avp.engine.outputs import write_text
+from pcdet_avp.files import write_text
 
 REPORT, FIGURES = "report.md", "figures"
 SCENARIOS = {

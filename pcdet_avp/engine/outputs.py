@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import os
 import sys
@@ -10,13 +9,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 import yaml
 from tqdm import tqdm
 
 from pcdet_avp.config import plain
-from pcdet_avp.errors import ConfigError
+from pcdet_avp.files import make_folder, write_text
 
 CONFIG_FOLDER = "cfgs"
 
@@ -53,36 +51,12 @@ class RunFolder:
     def create(self) -> RunFolder:
         """Make the folders; ConfigError where that is not possible."""
         for folder in (self.root, self.checkpoints, self.evaluation):
-            try:
-                folder.mkdir(parents=True, exist_ok=True)
-            except OSError as error:
-                raise ConfigError(f"{folder}: cannot make this folder ({error.strerror})") from error
+            make_folder(folder)
         return self
 
     def write_config(self, cfg: Mapping, name: str) -> None:
         """The configuration with its bases and overrides resolved."""
         write_text(self.root / f"{name}.yaml", yaml.safe_dump(plain(cfg), sort_keys=False))
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a whole text file, or none."""
-    write_bytes(path, text.encode("utf-8"))
-
-
-def write_bytes(path: Path, content: bytes) -> None:
-    """Write a whole file, or none."""
-    aside = path.with_name(f"{path.name}.{os.getpid()}.tmp")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        aside.write_bytes(content)
-        os.replace(aside, path)
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be written ({error.strerror})") from error
-
-
-def write_json(path: Path, content: Any) -> None:
-    """Write a whole JSON file; NaN is a bug here."""
-    write_text(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
 
 def open_log(folder: Path, kind: str, first: bool = True) -> logging.Logger:

@@ -15,11 +15,11 @@ from pcdet_avp.engine import checkpoint
 from pcdet_avp.engine.distributed import Ranks
 from pcdet_avp.engine.evaluate import benchmark, detect, driving_thresholds
 from pcdet_avp.engine.gains import roadside_gains
-from pcdet_avp.engine.outputs import write_json, write_text
 from pcdet_avp.engine.wire import Wire
 from pcdet_avp.evaluation.benchmark_table import render
 from pcdet_avp.evaluation.detections_file import write_detections, write_texts
 from pcdet_avp.evaluation.inputs import Detections
+from pcdet_avp.files import write_json, write_text
 from pcdet_avp.models import build_network
 from pcdet_avp.models.checkpoint_file import read_checkpoint
 from pcdet_avp.provenance import provenance

@@ -44,6 +44,12 @@ def test_a_failed_write_leaves_the_file_before_it(tmp_path, monkeypatch):
     assert len(list(tmp_path.iterdir())) == 1
 
 
+def test_a_place_that_cannot_be_is_named(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(CheckpointError, match=r"file/a\.pth: cannot write"):
+        checkpoint.save(tmp_path / "file" / "a.pth", CONTENT)
+
+
 def test_the_newest_that_can_be_read_is_used_and_damaged_ones_are_kept(tmp_path):
     _save(tmp_path, "checkpoint_epoch_1.pth", 10, 100)
     _save(tmp_path, "checkpoint_epoch_2.pth", 20, 200)

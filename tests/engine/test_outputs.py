@@ -1,12 +1,10 @@
-"""Where a run's files lie, and that they are whole."""
-
-import json
+"""Where a run's files lie, and who writes the log."""
 
 import pytest
 import yaml
 from easydict import EasyDict
 
-from pcdet_avp.engine.outputs import RunFolder, open_log, write_json
+from pcdet_avp.engine.outputs import RunFolder, open_log
 from pcdet_avp.errors import ConfigError
 
 
@@ -32,14 +30,6 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(ConfigError, match=r"file.* cannot make this folder"):
         RunFolder(tmp_path / "file" / "run").create()
-
-
-def test_json_is_whole_or_absent(tmp_path):
-    with pytest.raises(ValueError, match="Out of range"):
-        write_json(tmp_path / "a.json", {"ap": float("nan")})
-    assert not list(tmp_path.iterdir())
-    write_json(tmp_path / "b" / "a.json", {"ap": 1.5})
-    assert json.loads((tmp_path / "b" / "a.json").read_text()) == {"ap": 1.5}
 
 
 def test_only_the_first_rank_speaks_and_quiet_records_go_to_the_file_alone(tmp_path, capsys):

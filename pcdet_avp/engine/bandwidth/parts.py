@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import os
 import zipfile
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -16,7 +15,7 @@ import torch
 from pcdet_avp.engine.bandwidth.frame_runner import FrameResult
 from pcdet_avp.engine.bandwidth.late_fusion import Boxes
 from pcdet_avp.engine.bandwidth.transmit import Sent
-from pcdet_avp.errors import ConfigError
+from pcdet_avp.files import write_bytes
 
 
 class Parts:
@@ -31,14 +30,7 @@ class Parts:
         buffer = io.BytesIO()
         rows, counts = np.concatenate([_rows(boxes) for boxes in lists]), [len(boxes.scores) for boxes in lists]
         np.savez_compressed(buffer, rows=rows, counts=counts, sent=json.dumps(_plain(result)))
-        file = self._file(frame_id)
-        aside = file.with_suffix(f".{os.getpid()}.tmp")
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            aside.write_bytes(buffer.getvalue())
-            os.replace(aside, file)
-        except OSError as error:
-            raise ConfigError(f"{file}: cannot be written ({error.strerror})") from error
+        write_bytes(self._file(frame_id), buffer.getvalue())
 
     def load(self, frame_id: str) -> FrameResult | None:
         """A frame's result, or None where it has to be computed (again)."""

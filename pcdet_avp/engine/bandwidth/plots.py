@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import os
+import io
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
@@ -13,8 +13,8 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-from pcdet_avp.errors import ConfigError
 from pcdet_avp.evaluation.average_precision import STRICT_IOU
+from pcdet_avp.files import write_bytes
 
 COLOURS = {"camera": "#1f77b4", "lidar": "#d95f02"}
 CLASS_COLOURS = {"Car": "#1b6ca8", "Pedestrian": "#c0392b"}
@@ -42,14 +42,10 @@ def _figures(content: Mapping) -> Iterator[tuple[str, plt.Figure]]:
 
 
 def _save(figure: plt.Figure, file: Path) -> None:
-    aside = file.with_name(f".{file.name}.{os.getpid()}.tmp")
-    try:
-        figure.savefig(aside, dpi=120, format="png", bbox_inches="tight")
-        os.replace(aside, file)
-    except OSError as error:
-        raise ConfigError(f"{file}: cannot be written ({error.strerror})") from error
-    finally:
-        plt.close(figure)
+    picture = io.BytesIO()
+    figure.savefig(picture, dpi=120, format="png", bbox_inches="tight")
+    plt.close(figure)
+    write_bytes(file, picture.getvalue())
 
 
 def ap_of(row: Mapping, name: str) -> float:

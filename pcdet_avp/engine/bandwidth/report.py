@@ -11,9 +11,9 @@ from pcdet_avp.engine.bandwidth.ages import age_rows
 from pcdet_avp.engine.bandwidth.plots import write_plots
 from pcdet_avp.engine.bandwidth.rows import Judge, blocks_by_mcs, map_rows, message_row, point_rows
 from pcdet_avp.engine.bandwidth.study import Study
-from pcdet_avp.engine.outputs import write_json, write_text
 from pcdet_avp.evaluation.average_precision import LOOSE_IOU, STRICT_IOU
 from pcdet_avp.evaluation.benchmark_table import markdown_table
+from pcdet_avp.files import write_json, write_text
 
 SECTIONS = {
     "Maps against bytes": (("reference", "codec", "budget", "objects"), "ap_bytes.png"),

@@ -1,0 +1,41 @@
+"""Files are whole, or not there at all."""
+
+import json
+import os
+
+import pytest
+
+from pcdet_avp.errors import ConfigError
+from pcdet_avp.files import make_folder, write_bytes, write_json
+
+
+def test_json_is_whole_or_absent(tmp_path):
+    with pytest.raises(ValueError, match="Out of range"):
+        write_json(tmp_path / "a.json", {"ap": float("nan")})
+    assert not list(tmp_path.iterdir())
+    write_json(tmp_path / "b" / "a.json", {"ap": 1.5})
+    assert json.loads((tmp_path / "b" / "a.json").read_text()) == {"ap": 1.5}
+
+
+def test_what_cannot_be_moved_into_place_leaves_the_old_file(tmp_path, monkeypatch):
+    write_bytes(tmp_path / "a", b"old")
+
+    def fail(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", fail)
+    with pytest.raises(ConfigError, match=r"a: cannot be written .No space left"):
+        write_bytes(tmp_path / "a", b"new")
+    assert [(file.name, file.read_bytes()) for file in tmp_path.iterdir()] == [("a", b"old")]
+
+
+def test_a_place_that_cannot_be_is_named(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(ConfigError, match="file/run: cannot be written"):
+        write_bytes(tmp_path / "file" / "run", b"")
+
+
+def test_a_folder_that_cannot_be_made_is_named(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(ConfigError, match=r"file.* cannot make this folder"):
+        make_folder(tmp_path / "file" / "run")
