@@ -19,13 +19,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from pcdet_avp.cli import run_tool
-from pcdet_avp.engine.outputs import write_text
 from pcdet_avp.errors import ConfigError
+from pcdet_avp.files import write_text
 from pcdet_avp.visualization.page import Section, page
 
 ROOT = Path(__file__).resolve().parents[1]
 SCENES, SEED = 60, 7  # another seed than that of the data the weights were trained on: other garages, other people
 SPEED_MPS = 7.0
+CFG = ["--cfg", "cfgs/avp/cp_small.yaml"]
 
 
 @dataclass(frozen=True)
@@ -54,66 +55,103 @@ class Step:
         return Section(self.title, self.text, f"python {shlex.join(self.command)}", tables, figures, links)
 
 
-def steps(out: Path, weights: Path, minutes: float, episodes: int) -> list[Step]:
-    """In the order of the data's way: what is seen, sent, detected, and how it drives."""
-    data = ["DATA_CONFIG.DATA_PATH", str(out / "data"), "DATA_CONFIG.GENERATE.SCENES", str(SCENES)]
-    data = ["--set", *data, "DATA_CONFIG.GENERATE.SEED", str(SEED)]
-    cfg, ckpt = ["--cfg", "cfgs/avp/cp_small.yaml"], ["--ckpt", str(weights)]
-    drive = [*cfg, *ckpt, "--speeds", str(SPEED_MPS), "--trials", str(episodes)]
-    return [
-        Step(
+@dataclass(frozen=True)
+class Tour:
+    """The steps, and what they share: where results go, whose weights are used, how long training and driving take."""
+
+    out: Path
+    weights: Path
+    train_minutes: float
+    episodes: int
+
+    def steps(self) -> list[Step]:
+        """In the order of the data's way: what is seen, detected, sent, and how it drives."""
+        steps = [self.see(), self.detect(), self.show(), self.send(), self.limit(), self.drive()]
+        return [*steps, self.train()] if self.train_minutes > 0 else steps
+
+    @property
+    def network(self) -> list[str]:
+        """Arguments that name the network and its weights."""
+        return [*CFG, "--ckpt", str(self.weights)]
+
+    @property
+    def data(self) -> list[str]:
+        """Arguments, the last of a command, that name the tour's own data set."""
+        values = {"DATA_PATH": self.out / "data", "GENERATE.SCENES": SCENES, "GENERATE.SEED": SEED}
+        return ["--set", *(word for key, value in values.items() for word in (f"DATA_CONFIG.{key}", str(value)))]
+
+    def see(self) -> Step:
+        return Step(
             "What the car and the roadside see",
             "Frames of the garage: vehicle camera, roadside camera and both point clouds from above. Boxes are green "
             "where the vehicle's camera sees most of an object, amber where part of it, red where next to nothing.",
-            ["tools/create_data.py", *cfg, "--preview", "2", *data],
-            figures=[f"{out}/data/preview/*.png"],
-        ),
-        Step(
+            ["tools/create_data.py", *CFG, "--preview", "2", *self.data],
+            figures=[f"{self.out}/data/preview/*.png"],
+        )
+
+    def detect(self) -> Step:
+        json = self.out / "benchmark.json"
+        tags = ["--extra_tag", "tour", "--eval_tag", "tour"]
+        return Step(
             "What is detected, with and without the roadside",
             "AP of cp_small on the test split of these garages, beside the paper's. Every roadside map went through "
             "bytes. The paper's numbers come from another simulator and a far larger network.",
-            ["tools/test.py", *cfg, *ckpt, "--wire", "--extra_tag", "tour", "--eval_tag", "tour"]
-            + ["--json", str(out / "benchmark.json"), *data],
+            ["tools/test.py", *self.network, "--wire", *tags, "--json", str(json), *self.data],
             tables=[f"{ROOT}/output/avp/cp_small/tour/eval/*/test/tour/table.md"],
-            links=[f"{out}/benchmark.json"],
-        ),
-        Step(
+            links=[str(json)],
+        )
+
+    def show(self) -> Step:
+        out = self.out / "demo"
+        return Step(
             "The same in pictures",
             "What the network finds with the vehicle's sensors alone, and with the roadside's maps.",
-            ["tools/demo.py", *cfg, *ckpt, "--frames", "20", "--out", str(out / "demo"), *data],
-            figures=[f"{out}/demo/*.png", f"{out}/demo/*.mp4"],
-        ),
-        Step(
+            ["tools/demo.py", *self.network, "--frames", "20", "--out", str(out), *self.data],
+            figures=[f"{out}/*.png", f"{out}/*.mp4"],
+        )
+
+    def send(self) -> Step:
+        out = self.out / "bandwidth"
+        what = ["--every", "3", "--combos", "CL+CL", "--studies", "budget,loss"]
+        return Step(
             "What was sent, in how many bytes",
             "Bytes of the roadside's maps with headers and checksums, and what they are worth when blocks are lost.",
-            ["tools/bandwidth_report.py", *cfg, *ckpt, "--every", "3", "--combos", "CL+CL", "--studies", "budget,loss"]
-            + ["--out", str(out / "bandwidth"), *data],
-            tables=[f"{out}/bandwidth/report.md"],
-            figures=[f"{out}/bandwidth/*.png", f"{out}/bandwidth/figures/*.png"],
-        ),
-        Step(
+            ["tools/bandwidth_report.py", *self.network, *what, "--out", str(out), *self.data],
+            tables=[f"{out}/report.md"],
+            figures=[f"{out}/*.png"],
+        )
+
+    def limit(self) -> Step:
+        what = ["--scenario", "t_junction", "--perception", "los", "--trials", "10", "--search"]
+        return self._safety(
             "How fast the car may drive at the T-junction: the limit of the sensors' places",
             "Crashes when whatever is in line of sight of a combination's sensors is known.",
-            ["tools/safety_eval.py", "--scenario", "t_junction", "--perception", "los", "--trials", "10", "--search"]
-            + ["--out", str(out / "los")],
-            tables=[f"{out}/los/report.md"],
-            figures=[f"{out}/los/figures/*.png"],
-        ),
-        Step(
+            [*what, "--out", str(self.out / "los")],
+        )
+
+    def drive(self) -> Step:
+        what = ["--scenario", "t_junction", "--perception", "model", "--combos", "CL+none,CL+CL"]
+        how = ["--speeds", f"{SPEED_MPS:g}", "--trials", str(self.episodes)]
+        return self._safety(
             "The network at the wheel",
             f"A few episodes at {SPEED_MPS:g} m/s with rendered sensors and encoded maps; too few to tell a rate.",
-            ["tools/safety_eval.py", *drive, "--scenario", "t_junction", "--perception", "model"]
-            + ["--combos", "CL+none,CL+CL", "--out", str(out / "model")],
-            tables=[f"{out}/model/report.md"],
-            figures=[f"{out}/model/figures/*.png"],
-        ),
-        Step(
+            [*self.network, *what, *how, "--out", str(self.out / "model")],
+        )
+
+    @staticmethod
+    def _safety(title: str, text: str, arguments: list[str]) -> Step:
+        """A step of the closed loop; the folder it writes to is its last argument."""
+        out, command = arguments[-1], ["tools/safety_eval.py", *arguments]
+        return Step(title, text, command, tables=[f"{out}/report.md"], figures=[f"{out}/figures/*.png"])
+
+    def train(self) -> Step:
+        how = ["--extra_tag", "tour", "--max_minutes", f"{self.train_minutes:g}", "--no_eval"]
+        return Step(
             "Training",
             "A few minutes of training from scratch, to see it at work; such weights detect little. "
             "tensorboard --logdir output shows the curves.",
-            ["tools/train.py", *cfg, "--extra_tag", "tour", "--max_minutes", f"{minutes:g}", "--no_eval", *data],
-        ),
-    ]
+            ["tools/train.py", *CFG, *how, *self.data],
+        )
 
 
 def main() -> None:
@@ -126,10 +164,8 @@ def main() -> None:
     out, started = args.out.resolve(), time.monotonic()
     if not args.weights.exists():
         raise ConfigError(f"--weights {args.weights}: no such file")
-    done: list[Section] = []
-    for step in steps(out, args.weights.resolve(), args.train_minutes, args.episodes):
-        if step.command[0] == "tools/train.py" and args.train_minutes <= 0:
-            continue
+    tour, done = Tour(out, args.weights.resolve(), args.train_minutes, args.episodes), []
+    for step in tour.steps():
         step.run()
         done.append(step.section())
         write_text(out / "index.html", page("pcdet_avp: a tour", done, out))
