@@ -10,12 +10,11 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
-from pcdet_avp.config import require
+from pcdet_avp.config import plain, require
 from pcdet_avp.datasets.avp.manifest import MANIFEST_FILE, Manifest, Scene, read_manifest, write_manifest
 from pcdet_avp.datasets.avp.record import clean_leftovers, has_frame, read_frame, write_frame
 from pcdet_avp.datasets.avp.splits import assign_splits
@@ -71,7 +70,7 @@ def generate(
 
 def plan(data_cfg: Mapping, frames: int | None = None, seed: int | None = None) -> Manifest:
     """The scenes, frames and splits of a data set that is yet to be made."""
-    made_by = {"SENSORS": _plain(require(data_cfg, "SENSORS", dict)), "GENERATE": _plain(data_cfg["GENERATE"])}
+    made_by = {"SENSORS": plain(require(data_cfg, "SENSORS", dict)), "GENERATE": plain(data_cfg["GENERATE"])}
     settings = made_by["GENERATE"]
     per_scene = require(settings, "FRAMES_PER_SCENE", int)
     total = require(settings, "SCENES", int) * per_scene if frames is None else frames
@@ -133,10 +132,3 @@ def label_frames(root: Path, manifest: Manifest) -> Iterator[Frame]:
     for scene in manifest.scenes:
         for frame_id in scene.frame_ids:
             yield read_frame(root, frame_id, sources=())
-
-
-def _plain(value: Any) -> Any:
-    """EasyDict and tuples as plain dicts and lists, as JSON gives them back."""
-    if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -27,16 +28,10 @@ class HostAvpDataset(AvpDataset):
     mask. Batches hold the ego's images as ``EGO_IMAGES``, because the host hands ``images`` to kornia.
     """
 
-    def __init__(
-        self,
-        dataset_cfg: Mapping,
-        class_names: Sequence[str],
-        training: bool = True,
-        root_path: str | Path | None = None,
-        logger=None,
-    ) -> None:
+    def __init__(self, dataset_cfg: Mapping, *args: Any, root_path: str | Path | None = None, **kwargs: Any) -> None:
+        """As ``AvpDataset``'s; the host passes everything by name."""
         root = root_path if root_path is not None else find_data(require(dataset_cfg, "DATA_PATH", str))
-        super().__init__(dataset_cfg, class_names, training, root, logger)
+        super().__init__(dataset_cfg, *args, root_path=root, **kwargs)
         self.train_sets = [str(name) for name in dataset_cfg.get("TRAIN_SENSOR_SETS") or []]
         for name in self.train_sets:
             SensorSet.parse(name)
