@@ -11,15 +11,20 @@ from pcdet_avp.evaluation.inputs import Detections
 from pcdet_avp.structures.bev_grid import BevGrid
 from pcdet_avp.structures.boxes import transform_boxes
 from pcdet_avp.structures.ego import EGO_FOOTPRINT
-from pcdet_avp.structures.frame import AgentView, Frame
-from pcdet_avp.visualization.draw import BevCanvas, draw_boxes, put_text
+from pcdet_avp.structures.frame import Frame
+from pcdet_avp.visualization.draw import (
+    BRIGHT_POINTS,
+    EGO_LIGHT,
+    INFRA_LIGHT,
+    WIDTH_PX,
+    BevCanvas,
+    camera_panel,
+    put_text,
+)
 
-WIDTH_PX = 1600
-BRIGHT_POINTS = 40_000  # a cloud of so many points is drawn at full strength, a denser one fainter
 TRUE_COLOR = (70, 190, 90)
 CLASS_COLORS: Mapping[str, tuple[int, int, int]] = {"Car": (255, 175, 50), "Pedestrian": (255, 90, 170)}
 OTHER_COLOR, EGO_COLOR = (120, 200, 255), (255, 255, 255)
-EGO_LIGHT, INFRA_LIGHT = (90, 170, 255), (255, 150, 60)
 
 
 def comparison(frame: Frame, grid: BevGrid, results: Mapping[str, tuple[Frame, Detections]]) -> np.ndarray:
@@ -44,18 +49,6 @@ def comparison(frame: Frame, grid: BevGrid, results: Mapping[str, tuple[Frame, D
 def class_colors(names: np.ndarray) -> np.ndarray:
     """(N, 3) uint8."""
     return np.array([CLASS_COLORS.get(str(name), OTHER_COLOR) for name in names], np.uint8).reshape(-1, 3)
-
-
-def camera_panel(view: AgentView, boxes: np.ndarray, colors: np.ndarray, title: str, width: int) -> np.ndarray:
-    """(H, width, 3): an agent's image with wire frames of boxes in the agent's frame."""
-    height = round(width * view.camera.height / view.camera.width) if view.camera else width * 9 // 16
-    if view.image is None:
-        panel = np.full((height, width, 3), 40, np.uint8)
-    else:
-        image = cv2.resize(view.image, (width, height), interpolation=cv2.INTER_AREA)
-        panel = draw_boxes(image, view.camera.scaled(width, height), boxes, colors)
-    put_text(panel, title, (12, 26))
-    return panel
 
 
 def bev_panel(frame: Frame, found: Detections, grid: BevGrid, title: str, width: int) -> np.ndarray:

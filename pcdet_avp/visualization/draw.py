@@ -1,4 +1,4 @@
-"""Boxes on camera images, and a bird's-eye view of points, boxes and ranges. Images are (H, W, 3) uint8 RGB."""
+"""What pictures are made of: boxes on camera images, clouds and boxes from above. Images are (H, W, 3) uint8 RGB."""
 
 from __future__ import annotations
 
@@ -9,7 +9,11 @@ import numpy as np
 
 from pcdet_avp.structures.boxes import EDGES, bev_corners, box_corners
 from pcdet_avp.structures.camera import PinholeCamera
+from pcdet_avp.structures.frame import AgentView
 
+WIDTH_PX = 1600  # of a whole picture
+EGO_LIGHT, INFRA_LIGHT = (90, 170, 255), (255, 150, 60)  # of the agents' point clouds
+BRIGHT_POINTS = 40_000  # a cloud of so many points is drawn at full strength, a denser one fainter
 NEAR_M = 0.1  # edges are cut where they come closer to the camera plane than this
 
 
@@ -103,3 +107,15 @@ def put_text(image: np.ndarray, text: str, at: tuple[int, int], color=(235, 235,
     for tint, shift in (((0, 0, 0), 1), (color, 0)):
         corner = (at[0] + shift, at[1] + shift)
         cv2.putText(image, text, corner, cv2.FONT_HERSHEY_SIMPLEX, scale, [int(c) for c in tint], 1, cv2.LINE_AA)
+
+
+def camera_panel(view: AgentView, boxes: np.ndarray, colors: np.ndarray, title: str, width: int) -> np.ndarray:
+    """(H, width, 3): an agent's image with wire frames of boxes in the agent's frame."""
+    height = round(width * view.camera.height / view.camera.width) if view.camera else width * 9 // 16
+    if view.image is None:
+        panel = np.full((height, width, 3), 40, np.uint8)
+    else:
+        image = cv2.resize(view.image, (width, height), interpolation=cv2.INTER_AREA)
+        panel = draw_boxes(image, view.camera.scaled(width, height), boxes, colors)
+    put_text(panel, title, (12, 26))
+    return panel

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-PICTURES, VIDEOS = (".png", ".jpg", ".jpeg"), (".mp4", ".webm")
+VIDEOS = (".mp4", ".webm")
 STYLE = (
     "body{font:16px/1.5 system-ui,sans-serif;max-width:1100px;margin:2em auto;padding:0 1em}"
     "pre{overflow-x:auto;background:#f5f5f5;padding:1em;font-size:13px;line-height:1.35}"

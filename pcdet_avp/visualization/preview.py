@@ -2,58 +2,46 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 
 from pcdet_avp.structures.bev_grid import BevGrid
 from pcdet_avp.structures.boxes import transform_boxes
-from pcdet_avp.structures.frame import DIFFICULTIES, AgentView, Frame, Labels
-from pcdet_avp.visualization.draw import BevCanvas, draw_boxes, put_text
+from pcdet_avp.structures.ego import EGO_FOOTPRINT
+from pcdet_avp.structures.frame import DIFFICULTIES, Frame, Labels
+from pcdet_avp.visualization.draw import (
+    BRIGHT_POINTS,
+    EGO_LIGHT,
+    INFRA_LIGHT,
+    WIDTH_PX,
+    BevCanvas,
+    camera_panel,
+    put_text,
+)
 
-WIDTH_PX = 1600
-BRIGHT_POINTS = 40_000  # a cloud of so many points is drawn at full strength, a denser one fainter
 # By difficulty: easy, hard, invisible to the vehicle's camera.
 DIFFICULTY_COLORS = np.array([[90, 220, 110], [250, 190, 60], [240, 80, 80]], np.uint8)
-EGO_COLOR, INFRA_COLOR = (90, 170, 255), (255, 150, 60)
-EGO_SIZE_M = (4.8, 1.9, 1.5)
 
 
 def preview(frame: Frame, grid: BevGrid) -> np.ndarray:
     """(H, 1600, 3) uint8 RGB picture of a frame; boxes coloured by what the vehicle's camera sees of them."""
     labels = frame.labels.select(grid.contains_bev(frame.labels.boxes))
-    half = WIDTH_PX // 2
+    on_mast = transform_boxes(frame.ego_from_infra.inverse(), labels.boxes)
+    colors, half = DIFFICULTY_COLORS[labels.difficulty], WIDTH_PX // 2
     cameras = np.hstack(
         [
-            _camera_panel(frame.ego, labels.boxes, labels, "vehicle camera", half),
-            _camera_panel(
-                frame.infra,
-                transform_boxes(frame.ego_from_infra.inverse(), labels.boxes),
-                labels,
-                "roadside camera",
-                half,
-            ),
+            camera_panel(frame.ego, labels.boxes, colors, "vehicle camera", half),
+            camera_panel(frame.infra, on_mast, colors, "roadside camera", half),
         ]
     )
     return np.vstack([cameras, bev_panel(frame, labels, grid)])
-
-
-def _camera_panel(view: AgentView, boxes: np.ndarray, labels: Labels, title: str, width: int) -> np.ndarray:
-    height = round(width * view.camera.height / view.camera.width) if view.camera else width * 9 // 16
-    if view.image is None:
-        panel = np.full((height, width, 3), 40, np.uint8)
-    else:
-        image = cv2.resize(view.image, (width, height), interpolation=cv2.INTER_AREA)
-        panel = draw_boxes(image, view.camera.scaled(width, height), boxes, DIFFICULTY_COLORS[labels.difficulty])
-    put_text(panel, title, (12, 26))
-    return panel
 
 
 def bev_panel(frame: Frame, labels: Labels, grid: BevGrid) -> np.ndarray:
     """(H, 1600, 3): clouds of both agents in the ego frame, label boxes, both agents' BEV ranges."""
     x_min, x_max, y_min, y_max = -8.0, 52.0, -24.0, 12.0
     canvas = BevCanvas(x_min, y_min, x_max, y_max, WIDTH_PX / (x_max - x_min))
-    range_corners = np.array([[x, y] for x, y in _rectangle(grid)])
-    for view, color, to_ego in ((frame.infra, INFRA_COLOR, frame.ego_from_infra), (frame.ego, EGO_COLOR, None)):
+    range_corners = np.array(_rectangle(grid))
+    for view, color, to_ego in ((frame.infra, INFRA_LIGHT, frame.ego_from_infra), (frame.ego, EGO_LIGHT, None)):
         points, corners = view.points, np.pad(range_corners, ((0, 0), (0, 1)))
         if to_ego is not None:
             corners = to_ego.apply(corners)
@@ -63,8 +51,7 @@ def bev_panel(frame: Frame, labels: Labels, grid: BevGrid) -> np.ndarray:
             canvas.points(below_ceiling if to_ego is None else to_ego.apply(below_ceiling), color, strength)
         canvas.polygon(corners[:, :2], color)
     canvas.boxes(labels.boxes, DIFFICULTY_COLORS[labels.difficulty])
-    ego_box = np.array([[0.0, 0.0, EGO_SIZE_M[2] / 2, *EGO_SIZE_M, 0.0]])
-    canvas.boxes(ego_box, np.array([[255, 255, 255]], np.uint8))
+    canvas.boxes(EGO_FOOTPRINT, np.array([[255, 255, 255]], np.uint8))
     _legend(canvas.image, frame)
     return canvas.image
 
@@ -76,7 +63,7 @@ def _rectangle(grid: BevGrid) -> list[tuple[float, float]]:
 
 def _legend(image: np.ndarray, frame: Frame) -> None:
     put_text(image, f"bird's-eye view of {frame.frame_id}, t = {frame.time_s:.1f} s", (12, 26))
-    entries = [("vehicle LiDAR and BEV range", EGO_COLOR), ("roadside LiDAR and BEV range", INFRA_COLOR)]
+    entries = [("vehicle LiDAR and BEV range", EGO_LIGHT), ("roadside LiDAR and BEV range", INFRA_LIGHT)]
     entries += [
         (f"{name} for the vehicle camera", c.tolist()) for name, c in zip(DIFFICULTIES, DIFFICULTY_COLORS, strict=True)
     ]

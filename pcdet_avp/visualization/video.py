@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from pcdet_avp.errors import ConfigError
+from pcdet_avp.files import make_folder, write_bytes
 
 # The first that this OpenCV can write is taken: VP9 plays in browsers, the others in desktop players.
 CODECS = (("vp09", ".mp4"), ("mp4v", ".mp4"), ("MJPG", ".avi"))
@@ -17,13 +18,7 @@ CODECS = (("vp09", ".mp4"), ("mp4v", ".mp4"), ("MJPG", ".avi"))
 
 def write_picture(file: Path, image: np.ndarray) -> None:
     """Save image (H, W, 3) uint8 RGB; the file's ending names the format."""
-    aside = _aside(file)
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        aside.write_bytes(cv2.imencode(file.suffix, image[..., ::-1])[1].tobytes())
-        os.replace(aside, file)
-    except OSError as error:
-        raise ConfigError(f"{file}: cannot be written ({error.strerror})") from error
+    write_bytes(file, cv2.imencode(file.suffix, image[..., ::-1])[1].tobytes())
 
 
 def write_video(file: Path, images: Iterable[np.ndarray], fps: float) -> Path:
@@ -45,20 +40,13 @@ def write_video(file: Path, images: Iterable[np.ndarray], fps: float) -> Path:
 
 
 def _open(file: Path, fps: float, size: tuple[int, int]) -> tuple[cv2.VideoWriter, Path]:
-    _make_folder(file.parent)
+    make_folder(file.parent)
     for codec, ending in CODECS:
         target = file.with_suffix(ending)
         writer = cv2.VideoWriter(str(_aside(target)), cv2.VideoWriter_fourcc(*codec), fps, size)
         if writer.isOpened():
             return writer, target
     raise ConfigError(f"{file}: cannot write a video here")
-
-
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(f"{folder}: cannot make this folder ({error.strerror})") from error
 
 
 def _aside(file: Path) -> Path:
