@@ -97,9 +97,10 @@ def build_trainer(cfg: Mapping, dataset: Any, options: TrainOptions, ranks: Rank
     combos = tuple(optim_cfg.get("SENSOR_SETS") or SENSOR_SETS)
     plan = BatchPlan(len(dataset), batch_size, options.seed, combos)
     planned = require(optim_cfg, "NUM_EPOCHS", int) * plan.per_epoch
-    if options.use_amp and ranks.device.type == "cpu" and optim_cfg.get("AMP_DTYPE", "bf16") != "bf16":
+    use_amp = options.use_amp or bool(optim_cfg.get("USE_AMP"))
+    if use_amp and ranks.device.type == "cpu" and optim_cfg.get("AMP_DTYPE", "bf16") != "bf16":
         raise ConfigError("--use_amp: a CPU computes in bf16 or in full precision; set OPTIMIZATION.AMP_DTYPE to bf16")
-    trainer = Trainer(model, optim_cfg, plan, planned, ranks, options.use_amp or bool(optim_cfg.get("USE_AMP")))
+    trainer = Trainer(model, optim_cfg, plan, planned, ranks, use_amp)
     parameters = sum(p.numel() for p in model.parameters())
     logger.info(
         f"{parameters:,} parameters; {len(dataset)} frames, {plan.per_epoch} iterations of {batch_size} an epoch, "

@@ -14,6 +14,11 @@ SOURCES = ("ego_camera", "ego_lidar", "infra_camera", "infra_lidar")
 EGO_SOURCES, INFRA_SOURCES = SOURCES[:2], SOURCES[2:]
 
 
+def agent_of(source: str) -> str:
+    """``"infra_camera"`` -> ``"infra"``."""
+    return source.partition("_")[0]
+
+
 def modality_of(source: str) -> str:
     """``"infra_camera"`` -> ``"camera"``."""
     return source.partition("_")[2]

@@ -5,7 +5,15 @@ from itertools import product
 import pytest
 
 from pcdet_avp.errors import SensorError
-from pcdet_avp.structures.sensor_set import EGO_SOURCES, INFRA_SOURCES, SENSOR_SETS, SOURCES, SensorSet, modality_of
+from pcdet_avp.structures.sensor_set import (
+    EGO_SOURCES,
+    INFRA_SOURCES,
+    SENSOR_SETS,
+    SOURCES,
+    SensorSet,
+    agent_of,
+    modality_of,
+)
 
 
 def test_six_combinations_in_the_order_of_the_papers_tables():
@@ -26,7 +34,7 @@ def test_a_name_says_which_sources_are_present(name):
 def test_each_agent_has_a_camera_and_a_lidar():
     assert (*EGO_SOURCES, *INFRA_SOURCES) == SOURCES
     for agent, sources in (("ego", EGO_SOURCES), ("infra", INFRA_SOURCES)):
-        assert [f"{agent}_{modality_of(source)}" for source in sources] == [f"{agent}_camera", f"{agent}_lidar"]
+        assert [(agent_of(source), modality_of(source)) for source in sources] == [(agent, "camera"), (agent, "lidar")]
 
 
 @pytest.mark.parametrize("name", ["", "c+c", "L+none", "CL", "CL+L", "CL+CL "])

@@ -36,20 +36,22 @@ class FrameRunner:
     """Runs frames: which points, with which combinations of sensors, on which MCS, from which seed."""
 
     def __init__(self, model: nn.Module, points: Sequence[Point], combos: Sequence[str], mcs: int, seed: int) -> None:
+        """``points`` as from ``make_plan``: the vehicle alone first, then what the network sends as trained."""
         self.model, self.points, self.mcs, self.seed = model, points, mcs, seed
+        self.as_trained = points[1].transmission
         self.sensor_sets = {combo: SensorSet.parse(combo) for combo in combos}
 
     def __call__(self, batch_dict: dict) -> FrameResult:
         """``batch_dict``: one frame with all four sources, as ``load_batch`` returns it."""
         with torch.no_grad():
-            frame, as_trained = _Frame(self, batch_dict), self.points[1].transmission
+            frame = _Frame(self, batch_dict)
             found = {
                 (combo, point.label): frame.detect(point, sensor_set)
                 for point in self.points
                 for combo, sensor_set in self.sensor_sets.items()
             }
             sent = {p.label: frame.received(p.transmission)[1] for p in self.points if p.transmission is not None}
-            return FrameResult(found, frame.roadside(as_trained), sent, frame.blocks(as_trained))
+            return FrameResult(found, frame.roadside(self.as_trained), sent, frame.blocks(self.as_trained))
 
 
 class _Frame:
@@ -67,7 +69,7 @@ class _Frame:
     def detect(self, point: Point, sensors: SensorSet) -> Boxes:
         """What the vehicle finds at a point of a study."""
         if point.objects:
-            return merge(self.alone(sensors), self.roadside(self.runner.points[1].transmission), self.post_processing)
+            return merge(self.alone(sensors), self.roadside(self.runner.as_trained), self.post_processing)
         if point.transmission is None:
             return self.alone(sensors)
         return self.fused(sensors, self.received(point.transmission)[0], self.believed_pose(point))

@@ -85,7 +85,8 @@ def run_study(
     """Every chosen frame through every point; parts of an earlier, interrupted run of the same study are used."""
     precision, shape = precision_of(model), latent_shape(model)
     budget = paper_budget_bytes(shape) if options.budget_bytes is None else options.budget_bytes
-    points, chosen = make_plan(options.studies, precision, budget), _choose(dataset, options)
+    points = make_plan(options.studies, precision, budget)
+    chosen = choose_frames(dataset.frame_ids, options.every, options.frames)
     key = _key(config_hash(cfg), weights, git_commit(), points, options.combos, options.mcs, options.seed)
     parts = Parts(folder / f"frames_{key}", options.combos, [point.label for point in points])
     held = {index: parts.load(dataset.frame_ids[index]) for index in chosen}
@@ -97,10 +98,6 @@ def run_study(
         parts.save(dataset.frame_ids[index], result)
         held[index] = parts.load(dataset.frame_ids[index])
     return Study(options, points, chosen, [held[index] for index in chosen], precision, budget, shape)
-
-
-def _choose(dataset, options: StudyOptions) -> list[int]:
-    return choose_frames(dataset.frame_ids, options.every, options.frames)
 
 
 def _computed(runner, dataset, missing, total, ranks, workers) -> Iterator[tuple[int, FrameResult]]:

@@ -15,6 +15,9 @@ from pcdet_avp.models.backbones_3d.vfe.image.depth_head import DepthHead, DepthL
 from pcdet_avp.models.backbones_3d.vfe.image.foreground import foreground_mask
 from pcdet_avp.models.backbones_3d.vfe.image.image_backbone import STRIDE, ImageBackbone
 from pcdet_avp.registry import MAP_TO_BEV
+from pcdet_avp.structures.sensor_set import agent_of
+
+IMAGE_KEYS = ("images", "trans_lidar_to_cam", "trans_cam_to_img")
 
 
 class CameraEncoder(BevEncoder):
@@ -45,7 +48,7 @@ class CameraEncoder(BevEncoder):
         features = self.image_backbone(images[rows])
         logits = self.depth_head(features)
         image_from_agent = to_img[rows].double() @ to_cam[rows].double()
-        bins, size = self.bins[source.split("_")[0]], tuple(images.shape[2:])
+        bins, size = self.bins[agent_of(source)], tuple(images.shape[2:])
         x, valid = self.map_to_bev_module(features, logits, image_from_agent, bins, size, STRIDE)
         return x, valid, {"depth_logits": {**batch_dict.get("depth_logits", {}), source: logits}}
 
@@ -59,7 +62,7 @@ class CameraEncoder(BevEncoder):
         rows, suffix = present_rows(batch_dict, source), suffix_of(source)
         if not len(rows):
             zero = batch_dict["source_present"].new_zeros(())
-            return zero, {f"depth_loss_{source.split('_')[0]}": zero}
+            return zero, {f"depth_loss_{agent_of(source)}": zero}
         logits, depth = batch_dict["depth_logits"][source], batch_dict["depth_maps" + suffix][rows]
         if depth.shape[1:] != logits.shape[2:]:
             raise SensorError(
@@ -69,9 +72,6 @@ class CameraEncoder(BevEncoder):
         calibration = (batch_dict[key + suffix][rows] for key in IMAGE_KEYS[1:])
         pose = batch_dict["ego_from_infra"][rows] if suffix else None
         foreground = foreground_mask(depth, *calibration, STRIDE, batch_dict["gt_boxes"][rows], pose)
-        loss = self.depth_loss(logits, depth, foreground, self.bins[source.split("_")[0]])
+        loss = self.depth_loss(logits, depth, foreground, self.bins[agent_of(source)])
         loss = loss / int(batch_dict["batch_size"])
-        return loss, {f"depth_loss_{source.split('_')[0]}": loss.detach()}
-
-
-IMAGE_KEYS = ("images", "trans_lidar_to_cam", "trans_cam_to_img")
+        return loss, {f"depth_loss_{agent_of(source)}": loss.detach()}

@@ -32,7 +32,7 @@ class Latent:
 class BevCodec(nn.Module):
     """Both roadside maps, each with its own ``MapCodec``, named ``camera`` and ``lidar``.
 
-    Keys: REDUCTION 8; PRECISION float16 | int8; THRESHOLD, TARGET_SHARE, LOSS_WEIGHT, INITIAL_LENGTH (see
+    Keys: REDUCTION 8; PRECISION float16 | int8; THRESHOLD, TARGET_SHARE, MAX_SHARE, LOSS_WEIGHT, INITIAL_LENGTH (see
     ``CellThreshold``).
     """
 

@@ -85,5 +85,5 @@ def build_encoder(modality: str, cfg: Any, channels: int, dataset: Any) -> nn.Mo
 
 
 def build_codec(cfg: Any, channels: int) -> nn.Module:
-    """The trained half of the compression, or none at all."""
+    """The trained half of the compression."""
     return named(COMPRESSION, cfg, "COMPRESSION")(cfg.COMPRESSION, channels)
