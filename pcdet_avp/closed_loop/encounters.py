@@ -1,4 +1,4 @@
-"""Who touches the ego during a ride, and when."""
+"""Those who come into the ego's way: who waits for it, who can still be met, who touches it, and when."""
 
 from __future__ import annotations
 
@@ -7,9 +7,80 @@ from collections.abc import Sequence
 import numpy as np
 
 from pcdet_avp.closed_loop.contact import MAX_STEP_S, Contact, first_contact
-from pcdet_avp.sim.actors import Actor, box_at
+from pcdet_avp.closed_loop.gauges import Gauges
+from pcdet_avp.closed_loop.policy import BUMPER_X_M
+from pcdet_avp.sim.actors import Actor, box_at, floor_box
 from pcdet_avp.sim.dynamics import Drive, LongitudinalState
-from pcdet_avp.sim.world import EGO_SPEC
+from pcdet_avp.sim.episodes import Scenario
+from pcdet_avp.sim.world import EGO_SPEC, World
+
+STANDS_BELOW_MPS = 0.1  # a car slower than this stands: who walks into it is not run over
+NEAR_M = 3.0  # nobody farther away is met within a tick
+
+
+class Encounters:
+    """The threats of one episode in its world. A crash is final; before one, the first contact that counts is kept."""
+
+    def __init__(self, scenario: Scenario, world: World) -> None:
+        self._scenario, self._world = scenario, world
+        self._waiting = {t.object_id: t.release_x for t in scenario.threats if t.release_x is not None}
+        self._touched: set[int] = set()
+        self.crashed = False
+        self.contact: Contact | None = None
+        self.met: int | None = None  # object id of whom the ego touched in ``contact``
+        self.impact_speed = 0.0
+
+    def threats(self) -> list[Actor]:
+        """Those who come into the ego's way and have not touched it."""
+        numbers = [threat.object_id for threat in self._scenario.threats]
+        return [self._world.actor(number) for number in numbers if number not in self._touched]
+
+    def any_left(self, time_s: float) -> bool:
+        """Whether anybody is not out of the ego's way for good."""
+        return any(
+            self._world.actor(threat.object_id).trajectory.at(time_s).distance < threat.clear_after_m
+            for threat in self._scenario.threats
+        )
+
+    def release(self, ride: Drive, start_s: float) -> None:
+        """Whoever waits for the ego's front sets off at the very moment that it arrives, between ticks if need be."""
+        for number, release_x in list(self._waiting.items()):
+            if ride.positions[-1] + BUMPER_X_M >= release_x:
+                moment = np.interp(release_x - BUMPER_X_M, ride.positions, ride.times)
+                self._world.release(number, start_s + float(moment))
+                del self._waiting[number]
+
+    def resolve(self, ride: Drive, start_s: float, gauges: Gauges) -> LongitudinalState:
+        """Let the ego meet whom it meets during a ride that begins at ``start_s``; its state at the end or crash.
+
+        Distances and times to collision at the start are noted in ``gauges``.
+        """
+        near = self._near(ride, start_s, gauges)
+        for contact, actor in contacts(ride, start_s, self._scenario.layout.lane_y, near) if near else ():
+            state = state_at(ride, contact.time_s - start_s)
+            self._meet(contact, actor, state.speed)
+            if self.crashed:
+                return state
+        return ride.end
+
+    def _near(self, ride: Drive, start_s: float, gauges: Gauges) -> list[Actor]:
+        """Threats whom the ego may meet within the ride."""
+        threats, ego = self.threats(), ego_box(ride.positions[0], self._scenario.layout.lane_y)
+        motions = [actor.trajectory.at(start_s) for actor in threats]
+        boxes = [floor_box(motion, actor.spec.size) for motion, actor in zip(motions, threats, strict=True)]
+        velocity = [(m.speed * np.cos(m.yaw) - ride.speeds[0], m.speed * np.sin(m.yaw)) for m in motions]
+        apart = gauges.surroundings(ego, np.reshape(boxes, (-1, 7)), np.reshape(velocity, (-1, 2)))
+        return [actor for actor, distance in zip(threats, apart, strict=True) if distance < NEAR_M]
+
+    def _meet(self, contact: Contact, actor: Actor, speed: float) -> None:
+        """Any contact with a vehicle ends the drive; a walker's counts while the ego moves and ends it at the front."""
+        self._touched.add(actor.object_id)
+        vehicle = actor.name == "Car"
+        if not vehicle and speed < STANDS_BELOW_MPS:
+            return
+        self.crashed = vehicle or contact.front
+        if self.crashed or self.contact is None:
+            self.contact, self.met, self.impact_speed = contact, actor.object_id, speed
 
 
 def ego_box(x: float, lane_y: float) -> np.ndarray:
