@@ -67,18 +67,6 @@ def make_batch(combos, image_shape, points=4000, seed=0):
     return batch
 
 
-def select(batch, i):
-    single = {"batch_size": 1}
-    for key, value in batch.items():
-        if key.startswith("points"):
-            rows = value[value[:, 0] == i].clone()
-            rows[:, 0] = 0
-            single[key] = rows
-        elif key != "batch_size":
-            single[key] = value[i : i + 1]
-    return single
-
-
 def raw_outputs(network, batch):
     """Logits and boxes of every anchor, before the threshold and NMS."""
     with torch.no_grad():
@@ -142,7 +130,7 @@ def is_used(name, used):
     return not (name.startswith("fuser.channel.") and len(used) == 1)  # one weight, normalised, is one
 
 
-def test_a_batch_of_all_combinations_equals_the_single_runs():
+def test_a_batch_of_all_combinations_equals_the_single_runs(select):
     network, _ = network_of("cp_tiny.yaml")
     open_branches(network)
     batch = make_batch(list(SENSOR_SETS), TINY)

@@ -106,7 +106,7 @@ def model_config(**changes):
 
 
 @pytest.fixture
-def tiny(monkeypatch):
+def tiny(monkeypatch, select):
     """The helpers of this file; encoders and codec of this file stand in for the real ones."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)  # the tensors are so small that threads only wait for each other
@@ -146,16 +146,3 @@ def make_batch(combos, seed=0):
 
 def pose_of(i):
     return Pose.from_xyz_yaw(9.0 + 0.3 * i, 0.4 * i, yaw=3.0).matrix
-
-
-def select(batch, i):
-    """Sample i alone."""
-    single = {"batch_size": 1}
-    for key, value in batch.items():
-        if key.startswith("points"):
-            rows = value[value[:, 0] == i].clone()
-            rows[:, 0] = 0
-            single[key] = rows
-        elif key != "batch_size":
-            single[key] = value[i : i + 1]
-    return single
