@@ -15,7 +15,6 @@ import argparse
 import logging
 from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import torch
@@ -24,6 +23,7 @@ from tqdm import tqdm
 
 from pcdet_avp.config import load_config
 from pcdet_avp.datasets.avp.collate import collate, load_batch
+from pcdet_avp.datasets.avp.network_input import NetworkInput
 from pcdet_avp.datasets.avp.prepare import PrepareConfig, prepare
 from pcdet_avp.engine.bandwidth.ages import age_rows
 from pcdet_avp.engine.bandwidth.plan import Transmission, paper_budget_bytes
@@ -43,14 +43,9 @@ ROADSIDE = SensorSet(False, False, True, True)
 
 def build(cfg, data_cfg, ckpt: Path | None) -> nn.Module:
     """The configured network on the grid of ``data_cfg``."""
-    dataset = SimpleNamespace(
-        class_names=cfg.CLASS_NAMES,
-        point_cloud_range=data_cfg.POINT_CLOUD_RANGE,
-        voxel_size=data_cfg.VOXEL_SIZE,
-        point_feature_encoder=SimpleNamespace(num_point_features=4),
-    )
+    network_input = NetworkInput.from_config(data_cfg, cfg.CLASS_NAMES)
     torch.manual_seed(0)
-    model = build_network(cfg.MODEL, len(cfg.CLASS_NAMES), dataset).eval()
+    model = build_network(cfg.MODEL, len(cfg.CLASS_NAMES), network_input).eval()
     if ckpt is not None:
         model.load_params_from_file(str(ckpt), logging.getLogger("full_size_bytes"), to_cpu=True)
     return model

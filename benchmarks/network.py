@@ -18,7 +18,6 @@ import os
 import resource
 import time
 from collections.abc import Callable, Iterator
-from types import SimpleNamespace
 
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
@@ -28,6 +27,7 @@ from torch.utils.flop_counter import FlopCounterMode
 
 from pcdet_avp.config import apply_overrides, load_config
 from pcdet_avp.datasets.avp.collate import collate, load_batch
+from pcdet_avp.datasets.avp.network_input import NetworkInput
 from pcdet_avp.datasets.avp.prepare import PrepareConfig, prepare
 from pcdet_avp.generate import scene_config
 from pcdet_avp.models import build_network
@@ -59,12 +59,8 @@ def batch_of(cfg, combo: str, device: torch.device) -> dict:
 
 
 def network_of(cfg) -> torch.nn.Module:
-    data = cfg.DATA_CONFIG
-    features = SimpleNamespace(num_point_features=len(data.POINT_FEATURE_ENCODING.used_feature_list))
-    about = {"point_cloud_range": data.POINT_CLOUD_RANGE, "voxel_size": data.VOXEL_SIZE}
-    dataset = SimpleNamespace(class_names=cfg.CLASS_NAMES, point_feature_encoder=features, **about)
     torch.manual_seed(0)
-    return build_network(cfg.MODEL, len(cfg.CLASS_NAMES), dataset)
+    return build_network(cfg.MODEL, len(cfg.CLASS_NAMES), NetworkInput.from_config(cfg.DATA_CONFIG, cfg.CLASS_NAMES))
 
 
 def stages_of(network: torch.nn.Module, batch: dict) -> Iterator[Stage]:

@@ -42,9 +42,7 @@ def parse_arguments() -> argparse.Namespace:
         "--seed", type=int, default=0, help="of weights, shuffling and sensor combinations (default: 0)"
     )
     parser.add_argument("--fix_random_seed", action="store_true", help="also choose deterministic GPU kernels")
-    parser.add_argument(
-        "--use_amp", action="store_true", help="mixed precision (OPTIMIZATION.AMP_DTYPE; on a CPU bf16)"
-    )
+    parser.add_argument("--use_amp", action="store_true", help="mixed precision (OPTIMIZATION.AMP_DTYPE)")
     parser.add_argument("--sync_bn", action="store_true", help="batch norms over all processes")
     parser.add_argument("--max_minutes", type=float, help="shorten the schedule so that training takes this long")
     parser.add_argument("--ckpt_save_interval", type=int, default=1, metavar="EPOCHS")

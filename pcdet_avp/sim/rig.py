@@ -98,8 +98,7 @@ def _observe_both(
         ("ego", world.world_from_ego, rig.ego, world.ego_tracer),
         ("infra", world.world_from_infra, rig.infra, world.infra_tracer),
     ):
-        wanted = [source for source in sources if source.startswith(agent)]
-        view, behind = _observe(agent, pose, agent_rig, tracer, world, key, wanted)
+        view, behind = _observe(agent, pose, agent_rig, tracer, world, key, sources)
         views.append(view)
         instances |= behind
     return *views, instances
