@@ -4,7 +4,8 @@
 
 "Bare Embree" casts, in the same run and on the same thread, the very rays that the capture cast (both cameras, shadows,
 both LiDARs, label vertices) against one scene of all triangles: no shading, no images, no points, no labels.
-The frame's time includes rebuilding what moves; the static scene is built once per scene and printed apart.
+The frame's time includes rebuilding what moves; the static scene is built once per scene and printed apart. Times are
+CPU seconds: whoever else uses the machine disturbs them least.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ Rays = tuple[str, tuple[np.ndarray, ...]]  # Embree's query, and its origins, di
 
 
 class Clock:
-    """Wall seconds, and seconds within Embree, by part. Parts do not nest; a part's name may depend on its call."""
+    """Seconds, and seconds within Embree, by part. Parts do not nest; a part's name may depend on its call."""
 
     def __init__(self) -> None:
         self.total: dict[str, float] = defaultdict(float)
@@ -44,22 +45,22 @@ class Clock:
     def part_of(self, name: Callable[..., str], function: Callable) -> Callable:
         def timed(*args, **kwargs):
             outer, self.part = self.part, name(*args)
-            start = time.perf_counter()
+            start = time.process_time()
             try:
                 return function(*args, **kwargs)
             finally:
-                self.total[self.part] += time.perf_counter() - start
+                self.total[self.part] += time.process_time() - start
                 self.part = outer
 
         return timed
 
     def embree_of(self, function: Callable) -> Callable:
         def timed(*args):
-            start = time.perf_counter()
+            start = time.process_time()
             try:
                 return function(*args)
             finally:
-                self.embree[self.part] += time.perf_counter() - start
+                self.embree[self.part] += time.process_time() - start
 
         return timed
 
@@ -111,16 +112,16 @@ def bare_embree(world: World, queries: list[Rays]) -> float:
     """Seconds that Embree alone takes for these rays, all triangles in one scene."""
     merged = TriangleScene([(scene.mesh, 0) for scene in world.infra_tracer().scenes])
     merged.blocks(*(array[:1] for array in queries[0][1]))  # builds the tree
-    start = time.perf_counter()
+    start = time.process_time()
     for name, rays in queries:
         getattr(merged, name)(*rays)
-    return time.perf_counter() - start
+    return time.process_time() - start
 
 
 def seconds(function: Callable[[], object]) -> float:
-    start = time.perf_counter()
+    start = time.process_time()
     function()
-    return time.perf_counter() - start
+    return time.process_time() - start
 
 
 def measure_scene(scene: TrainingScene, rig: Rig, frames: int, clock: Clock) -> list[tuple[float, float, int]]:
@@ -153,21 +154,21 @@ def main() -> None:
     rig, clock, rows, builds = Rig.from_config(cfg.SENSORS), Clock(), [], []
     scene = draw_training_scene(np.random.default_rng(99), scene_config(cfg.GENERATE))
     capture(scene.seek(0), rig, (0, 0, 0), "0/0")  # compiles, fills the tables of directions
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
     for number in tqdm(range(args.scenes), desc="scenes"):
-        start = time.perf_counter()
+        start = time.process_time()
         scene = draw_training_scene(np.random.default_rng(number), scene_config(cfg.GENERATE))
         scene.seek(0).ego_tracer().cast(np.zeros(3), np.ones((1, 3)))
-        builds.append(time.perf_counter() - start)
+        builds.append(time.process_time() - start)
         rows += measure_scene(scene, rig, args.frames, clock)
     report(np.array(rows), clock, builds, len(scene.world.static_scene))
+    print(f"peak memory of a process that has captured one frame: {peak / 1e9:.2f} GB")
 
 
 def report(rows: np.ndarray, clock: Clock, builds: list[float], triangles: int) -> None:
     frame, bare, rays = np.median(rows, axis=0)
-    print(f"{len(rows)} frames, medians, one thread; static scene of the last: {triangles} triangles")
+    print(f"{len(rows)} frames, medians, CPU time of one thread; static scene of the last: {triangles} triangles")
     print(f"whole frame {frame:.3f} s; bare Embree {bare:.3f} s for {rays / 1e6:.2f} M rays; ratio {frame / bare:.2f}")
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
-    print(f"peak memory of this process, recorded rays included: {peak / 1e9:.2f} GB")
     print(f"drawing and building a scene, once per scene: {np.median(builds):.2f} s")
     print(f"{'part, mean':<22}{'seconds':>9}{'Embree':>9}")
     for name in sorted(clock.total, key=clock.total.get, reverse=True):
