@@ -99,9 +99,10 @@ def _is_slow(cfg, ranks: distributed.Ranks) -> bool:
 
 def _make_data(cfg, args: argparse.Namespace, logger) -> None:
     root = Path(require(cfg.DATA_CONFIG, "DATA_PATH", str))
-    if (root / MANIFEST_FILE).exists() and read_manifest(root).complete:
+    begun = (root / MANIFEST_FILE).exists()
+    if begun and read_manifest(root).complete:
         return
-    logger.info(f"there is no complete data set in {root}: making it first")
+    logger.info(f"the data set in {root} is unfinished: going on" if begun else f"no data set in {root}: making it")
     generate(cfg.DATA_CONFIG, root, workers=max(args.workers, 1))
 
 

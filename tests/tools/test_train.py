@@ -103,7 +103,7 @@ def test_missing_data_are_made_first(load_tool, tiny_data, tmp_path, monkeypatch
     words = ["train", "--cfg", str(REPOSITORY / "cfgs" / "avp" / "cp_tiny.yaml"), "--no_eval"]
     monkeypatch.setattr(sys, "argv", [*words, "--set", "DATA_CONFIG.DATA_PATH", str(root)])
     tool.main()
-    assert said == [f"there is no complete data set in {root}: making it first", True]
+    assert said == [f"no data set in {root}: making it", True]
 
 
 class _Listener:
