@@ -26,6 +26,10 @@ from pcdet_avp.generate import generate
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
 
 SLOW_CELLS = 100_000  # BEV cells from which on a network belongs on a GPU
+SLOW = (
+    "{cfg} on a CPU will take weeks; cfgs/avp/cp_small.yaml is made for two CPU cores and hours. To save memory the "
+    "encoders are computed again in the backward pass, which changes no result"
+)
 
 
 def parse_arguments() -> argparse.Namespace:
@@ -64,11 +68,12 @@ def main() -> None:
         logger = open_log(folder.root, "train", ranks.is_first)
         if ranks.is_first:
             folder.write_config(cfg, Path(args.cfg).stem)
-            _warn_if_slow(cfg, args.cfg, ranks, logger)
+            if _is_slow(cfg, ranks):
+                logger.warning(SLOW.format(cfg=args.cfg))
             _make_data(cfg, args, logger)
         ranks.wait()  # for the data
         name = Path(args.cfg).stem
-        last = run_training(cfg, name, folder, _options(args), ranks, logger)
+        last = run_training(cfg, name, folder, _options(args, _is_slow(cfg, ranks)), ranks, logger)
         if not args.no_eval:
             _evaluate(cfg, name, last, folder, args, ranks, logger, started)
     finally:
@@ -86,25 +91,26 @@ def _override(cfg, args: argparse.Namespace, ranks: distributed.Ranks) -> None:
         optimization["BATCH_SIZE_PER_GPU"] = args.batch_size // ranks.world
 
 
-def _warn_if_slow(cfg, path: str, ranks: distributed.Ranks, logger) -> None:
+def _is_slow(cfg, ranks: distributed.Ranks) -> bool:
     area = cfg.DATA_CONFIG.POINT_CLOUD_RANGE
     cells = (area[3] - area[0]) * (area[4] - area[1]) / cfg.DATA_CONFIG.VOXEL_SIZE[0] ** 2
-    if ranks.device.type == "cpu" and cells > SLOW_CELLS:
-        logger.warning(f"{path} on a CPU will take weeks; cfgs/avp/cp_small.yaml is made for two CPU cores and hours")
+    return ranks.device.type == "cpu" and cells > SLOW_CELLS
 
 
 def _make_data(cfg, args: argparse.Namespace, logger) -> None:
     root = Path(require(cfg.DATA_CONFIG, "DATA_PATH", str))
-    if (root / MANIFEST_FILE).exists() and read_manifest(root).complete:
+    begun = (root / MANIFEST_FILE).exists()
+    if begun and read_manifest(root).complete:
         return
-    logger.info(f"there is no complete data set in {root}: making it first")
+    logger.info(f"the data set in {root} is unfinished: going on" if begun else f"no data set in {root}: making it")
     generate(cfg.DATA_CONFIG, root, workers=max(args.workers, 1))
 
 
-def _options(args: argparse.Namespace) -> TrainOptions:
+def _options(args: argparse.Namespace, recompute_encoders: bool) -> TrainOptions:
     same = ("workers", "seed", "use_amp", "sync_bn", "max_minutes", "ckpt", "pretrained_model", "ckpt_save_interval")
     same += ("max_ckpt_save_num", "ckpt_save_time_interval", "logger_iter_interval", "picture_interval")
-    return TrainOptions(deterministic=args.fix_random_seed, **{name: getattr(args, name) for name in same})
+    chosen = {name: getattr(args, name) for name in same}
+    return TrainOptions(deterministic=args.fix_random_seed, recompute_encoders=recompute_encoders, **chosen)
 
 
 def _evaluate(cfg, name, last, folder, args, ranks, logger, started) -> None:

@@ -51,6 +51,7 @@ class TrainOptions:
     ckpt_save_time_interval: float = 300.0
     logger_iter_interval: int = 50
     picture_interval: int = 500
+    recompute_encoders: bool = False  # less memory, more time, the same results (``models.recompute``)
 
 
 def run_training(
@@ -88,6 +89,7 @@ def build_trainer(cfg: Mapping, dataset: Any, options: TrainOptions, ranks: Rank
     """The network with fresh (or pretrained) weights, and its plan of batches."""
     seed_torch(options.seed, deterministic=options.deterministic)
     model = build_network(cfg.MODEL, len(cfg.CLASS_NAMES), dataset)
+    model.recompute_encoders = options.recompute_encoders
     if options.sync_bn:
         model = nn.SyncBatchNorm.convert_sync_batchnorm(model)
     if options.pretrained_model:

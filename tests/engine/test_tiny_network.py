@@ -1,6 +1,7 @@
 """The engine around the real network at its smallest."""
 
 import logging
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -31,9 +32,9 @@ def cfg(tiny_data):
     return cfg
 
 
-def _trainer(cfg, ranks=CPU):
+def _trainer(cfg, ranks=CPU, **options):
     dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=True)
-    return dataset, build_trainer(cfg, dataset, TrainOptions(seed=3), ranks, logging.Logger("silent", 99))
+    return dataset, build_trainer(cfg, dataset, TrainOptions(seed=3, **options), ranks, logging.Logger("silent", 99))
 
 
 def _run(cfg, dataset, trainer, steps):
@@ -55,10 +56,26 @@ def test_resumed_equals_uninterrupted_bit_for_bit(cfg, tmp_path):
     assert all(torch.equal(ours[key], theirs[key]) for key in theirs)
 
 
-def _gradients(ranks, cfg, iterations):
+@pytest.mark.parametrize(("norm", "use_amp"), [("group", False), ("group", True), ("batch", False)])
+def test_encoders_computed_again_give_the_same_bits(cfg, norm, use_amp):
+    """Losses, gradient norms, weights and running statistics of a few steps."""
+    cfg.MODEL.NORM, outcomes = norm, []
+    for again in (False, True):
+        dataset, trainer = _trainer(cfg, use_amp=use_amp, recompute_encoders=again)
+        runs = []
+        trainer.model.encoders["ego_camera"].register_forward_pre_hook(lambda *_, runs=runs: runs.append(1))
+        reports = _run(cfg, dataset, trainer, 3)
+        assert len(runs) == (6 if again else 3)
+        outcomes.append((reports, trainer.model.state_dict()))
+    (kept, ours), (recomputed, theirs) = outcomes
+    assert kept == recomputed
+    assert all(torch.equal(ours[key], theirs[key]) for key in ours)
+
+
+def _gradients(ranks, cfg, iterations, **options):
     """(combination, gradients by name) at the fresh weights for the batches of some iterations."""
     cfg.OPTIMIZATION.BATCH_SIZE_PER_GPU = 2 // ranks.world
-    dataset, trainer = _trainer(cfg, ranks)
+    dataset, trainer = _trainer(cfg, ranks, **options)
     found = []
     for iteration in iterations:
         sampler = CombinationBatchSampler(trainer.plan, iteration, ranks.rank, ranks.world)
@@ -77,11 +94,13 @@ def _distance(gradients, others=None):
     )
 
 
-def test_two_ranks_have_the_gradients_of_one_process_with_the_whole_batch(cfg, in_two_processes):
+@pytest.mark.parametrize("recompute", [False, True])
+def test_two_ranks_have_the_gradients_of_one_process_with_the_whole_batch(cfg, in_two_processes, recompute):
     cfg.MODEL.ROADSIDE_MAP_DROPOUT = 0.5  # so that ranks also differ in which encoders they use
     alone = _gradients(distributed.start(device="cpu"), cfg, range(6))
     assert len({combo for combo, _ in alone}) > 2
-    for of_rank in in_two_processes(_gradients, cfg, range(6)):
+    of_ranks = in_two_processes(partial(_gradients, recompute_encoders=recompute), cfg, range(6))
+    for of_rank in of_ranks:
         for (combo, theirs), (_, ours) in zip(alone, of_rank, strict=True):
             assert _distance(ours, theirs) <= 1e-5 * _distance(theirs), combo
             for name, gradient in theirs.items():  # small ones are the differences of large numbers

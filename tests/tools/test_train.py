@@ -103,7 +103,7 @@ def test_missing_data_are_made_first(load_tool, tiny_data, tmp_path, monkeypatch
     words = ["train", "--cfg", str(REPOSITORY / "cfgs" / "avp" / "cp_tiny.yaml"), "--no_eval"]
     monkeypatch.setattr(sys, "argv", [*words, "--set", "DATA_CONFIG.DATA_PATH", str(root)])
     tool.main()
-    assert said == [f"there is no complete data set in {root}: making it first", True]
+    assert said == [f"no data set in {root}: making it", True]
 
 
 class _Listener:
@@ -111,15 +111,18 @@ class _Listener:
         self.info = self.warning = said.append
 
 
-def test_the_papers_size_on_a_cpu_names_the_small_one(load_tool):
-    from pcdet_avp.config import load_config
-    from pcdet_avp.engine.distributed import Ranks
-
-    tool, cpu = load_tool("train"), Ranks(torch.device("cpu"))
-    for name, warns in (("cp_full", True), ("cp_small", False)):
-        said = []
-        tool._warn_if_slow(load_config(REPOSITORY / "cfgs" / "avp" / f"{name}.yaml"), name, cpu, _Listener(said))
-        assert ["cp_small" in text for text in said] == [True] * warns
+@pytest.mark.parametrize(("name", "slow"), [("cp_full", True), ("cp_small", False)])
+def test_the_papers_size_on_a_cpu_saves_memory_and_names_the_small_one(load_tool, monkeypatch, tmp_path, name, slow):
+    tool, said, given = load_tool("train"), [], []
+    monkeypatch.setattr(tool, "generate", lambda *_, **__: None)
+    monkeypatch.setattr(tool, "run_training", lambda *words: given.extend(words))
+    monkeypatch.setattr(tool, "open_log", lambda *_: _Listener(said))
+    monkeypatch.chdir(tmp_path)
+    words = ["train", "--cfg", str(REPOSITORY / "cfgs" / "avp" / f"{name}.yaml"), "--no_eval", "--device", "cpu"]
+    monkeypatch.setattr(sys, "argv", [*words, "--set", "DATA_CONFIG.DATA_PATH", str(tmp_path / "none")])
+    tool.main()
+    assert ["cp_small.yaml is made for" in text for text in said[:-1]] == [True] * slow
+    assert given[3].recompute_encoders == slow
 
 
 def test_half_precision_on_a_cpu_and_an_odd_batch_are_refused(call, tmp_path):

@@ -17,6 +17,7 @@ from pcdet_avp.models.detectors.build import build_modules
 from pcdet_avp.models.detectors.map_dropout import drop_roadside_maps, drop_segments
 from pcdet_avp.models.detectors.post_processing import PostProcessing
 from pcdet_avp.models.detectors.weights import load_weights
+from pcdet_avp.models.recompute import recomputed
 from pcdet_avp.registry import DETECTORS
 from pcdet_avp.structures.sensor_set import EGO_SOURCES, INFRA_SOURCES, SOURCES, modality_of
 
@@ -36,8 +37,10 @@ class AvpCp(nn.Module):
 
     One set of weights serves any non-empty subset of the four sources, sample by sample (``source_present``).
     ``link`` maps the roadside's latents, by source, to what the vehicle received of them: whoever sends real bytes
-    puts the wire there.
+    puts the wire there. ``recompute_encoders``: training keeps no activations of the encoders (``models.recompute``).
     """
+
+    recompute_encoders = False
 
     def __init__(self, model_cfg: Any, num_class: int, dataset: Any) -> None:
         super().__init__()
@@ -96,8 +99,14 @@ class AvpCp(nn.Module):
         anywhere = batch_dict["source_present"].any(0).tolist()
         for source in sources:
             if anywhere[SOURCES.index(source)]:
-                batch_dict = self.encoder_of(source)(batch_dict, source)
+                batch_dict = self._encode_source(batch_dict, source)
         return batch_dict
+
+    def _encode_source(self, batch_dict: dict, source: str) -> dict:
+        encoder = self.encoder_of(source)
+        if self.recompute_encoders and torch.is_grad_enabled():
+            return recomputed(encoder, batch_dict, source)
+        return encoder(batch_dict, source)
 
     def encoder_of(self, source: str) -> nn.Module:
         """The encoder of a source: its own, or the one that both agents share."""
