@@ -102,7 +102,8 @@ def test_the_summary_counts_what_the_episodes_say(reference):
     with (reference / EPISODES).open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     found = json.loads((reference / SUMMARY).read_text())
-    assert found["meta"] == {"seed": 5}
+    assert found["meta"].pop("episodes_wall_s") > 0
+    assert found["meta"] == {"seed": 5, "commands": []}
     assert len(rows) == 12  # oracle and the always-slow baseline, two speeds, three trials
     for cell in found["cells"]:
         own = [r for r in rows if (r["perception"], float(r["speed"])) == (cell["perception"], cell["speed"])]
@@ -113,6 +114,14 @@ def test_the_summary_counts_what_the_episodes_say(reference):
     oracle = next(entry for entry in found["max_safe_speed"] if entry["perception"] == "oracle")
     assert oracle["speed"] == 8.0
     assert oracle["bounded_speed"] is None  # 0 of 3 leaves 63 %
+
+
+def test_the_summary_names_all_commands_that_went_on_with_a_folder(reference, tmp_path):
+    finished = Journal(reference).finished
+    for command in ("a", "b", "a"):
+        write_results(tmp_path, finished, {"command": command})
+    meta = json.loads((tmp_path / SUMMARY).read_text())["meta"]
+    assert (meta["command"], meta["commands"]) == ("a", ["a", "b"])
 
 
 def test_a_walker_in_the_side_is_no_crash_but_a_vehicle_is(reference):
