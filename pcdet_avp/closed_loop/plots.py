@@ -17,7 +17,7 @@ from pcdet_avp.engine.outputs import write_bytes
 
 # Of the roadside's sensors; told apart by the colour-blind too.
 COLORS = {"none": "#6e6e6e", "C": "#e08a00", "CL": "#0062a8"}
-WIDTHS = {"none": 5.0, "C": 3.0, "CL": 1.4}
+WIDTHS = {"none": 4.2, "C": 2.6, "CL": 1.2}
 ASIDE_MPS = 0.08  # between curves of the same panel
 VEHICLES = {"C": "vehicle camera", "CL": "vehicle camera + LiDAR"}
 ROADSIDE = {"none": "alone", "C": "roadside camera", "CL": "roadside camera + LiDAR"}
@@ -80,10 +80,11 @@ def detection_figure(results: Results, scenario: str, perception: str, title: st
             cells = results.row(scenario, perception, combo).values()
             distances = np.concatenate([np.zeros(0), *(cell.values("first_detection_m") for cell in cells)])
             _survival(axis, distances, combo_color(combo), combo_label(combo), WIDTHS.get(combo.partition("+")[2], 1.5))
-        axis.set(title=name, xlabel="distance ahead of the bumper (m)", ylim=(0, 104), xlim=(0, None))
+        axis.set(title=name, xlabel="distance ahead of the bumper (m)", ylim=(0, 104))
         axis.grid(alpha=0.25)
         _legend(axis)
-    axes[0].set_ylabel("episodes noticed from at least there (%)")
+    farthest = max([1.0, *(axis.dataLim.x1 for axis in axes)])
+    axes[0].set(ylabel="episodes noticed from at least there (%)", xlim=(0, 1.03 * farthest))
     return figure
 
 

@@ -16,12 +16,16 @@ def roadside_gain(tally: Tally, alone: Tally) -> str:
     (low, high), (low_alone, high_alone) = _limits(tally), _limits(alone)
     least, most = low - high_alone, high - low_alone
     if least == most:
-        return f"{least:+g} m/s"
+        return _mps(least)
     if least > -inf:
-        return f"{'more than' if low_alone == -inf else 'at least'} {least:+g} m/s"
+        return f"{'more than' if low_alone == -inf else 'at least'} {_mps(least)}"
     if most < inf:
-        return f"{'less than' if low == -inf else 'at most'} {most:+g} m/s"
+        return f"{'less than' if low == -inf else 'at most'} {_mps(most)}"
     return "not known"
+
+
+def _mps(difference: float) -> str:
+    return f"{difference:+g} m/s" if difference else "0 m/s"
 
 
 def _limits(tally: Tally) -> tuple[float, float]:
