@@ -110,11 +110,9 @@ def gain_lines(results: Results, scenario: str, perception: str) -> list[str]:
 
 
 def _names(perception: str, combo: str) -> tuple[str, str]:
-    """The sensors of vehicle and roadside."""
-    if perception == BASELINE:
-        return "always slow", NOTHING
+    """The sensors of vehicle and roadside, or who needs none."""
     vehicle, _, roadside = combo.partition("+")
-    return vehicle, roadside or vehicle  # "any" stands for either's
+    return (vehicle, roadside) if roadside else (perception.replace("_", " "), NOTHING)
 
 
 def _crash_cells(tally: Tally, speeds: list[float], missing: str) -> list[str]:
