@@ -39,7 +39,7 @@ def speed_crash_figure(results: Results, scenario: str, perception: str, title: 
         for rank, combo in enumerate(combos):
             color = combo_color(combo)
             tally = results.tally(scenario, perception, combo)
-            _curve(axis, tally, color, combo_label(combo), ASIDE_MPS * (rank - (len(combos) - 1) / 2))
+            _curve(axis, tally, color, combo_label(combo, perception), ASIDE_MPS * (rank - (len(combos) - 1) / 2))
             if combo in paper:
                 axis.plot(*_rates(paper[combo]), ":", color=color, marker="x", markersize=5, linewidth=1.2)
         for combo in results.combos(scenario, BASELINE) if perception != BASELINE else ():
@@ -79,7 +79,13 @@ def detection_figure(results: Results, scenario: str, perception: str, title: st
         for combo in combos:
             cells = results.row(scenario, perception, combo).values()
             distances = np.concatenate([np.zeros(0), *(cell.values("first_detection_m") for cell in cells)])
-            _survival(axis, distances, combo_color(combo), combo_label(combo), WIDTHS.get(combo.partition("+")[2], 1.5))
+            _survival(
+                axis,
+                distances,
+                combo_color(combo),
+                combo_label(combo, perception),
+                WIDTHS.get(combo.partition("+")[2], 1.5),
+            )
         axis.set(title=name, xlabel="distance ahead of the bumper (m)", ylim=(0, 104))
         axis.grid(alpha=0.25)
         _legend(axis)
@@ -126,8 +132,9 @@ def combo_color(combo: str) -> str:
     return COLORS.get(combo.partition("+")[2], "#0062a8")
 
 
-def combo_label(combo: str) -> str:
-    return ROADSIDE.get(combo.partition("+")[2], combo)
+def combo_label(combo: str, perception: str) -> str:
+    """The roadside's part, or who needs no sensors."""
+    return ROADSIDE.get(combo.partition("+")[2], perception)
 
 
 def _panels(panels: dict, title: str) -> tuple[Figure, list[Axes]]:
