@@ -1,20 +1,20 @@
 """The paper's tables III and IV, ours above the paper's, and what a number of crashes alone does not say.
 
 Tables are lines of markdown that also read well as text. ``NOT_RUN`` marks a cell that the sweep has not come to or
-has skipped; it is not the same as no crash.
+has skipped; it is not the same as no crash. ``TOO_FEW``: so few trials cannot bound the crash rate.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from pcdet_avp.closed_loop.results import Cell, Results
+from pcdet_avp.closed_loop.roadside_gain import roadside_gain
 from pcdet_avp.closed_loop.safety import Tally, bounded_speed, crash_interval, max_safe_speed
+from pcdet_avp.closed_loop.side_columns import SideColumn
 from pcdet_avp.evaluation.benchmark_table import markdown_table
 from pcdet_avp.evaluation.paper import paper_tables
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
 
-NOT_RUN, NOTHING = "not run", "-"
+NOT_RUN, NOTHING, TOO_FEW = "not run", "-", "too few"
 SAFE_RATE = 0.15  # 20 trials without a crash bound the rate by 13.9 %
 PAPER_SCENARIOS = {
     "pedestrian": "pedestrian_crossing",
@@ -33,22 +33,24 @@ def crash_table(results: Results, scenario: str, perception: str, rate: float = 
     body = []
     for who, combo in shown_lines(results, scenario, perception):
         ours = results.tally(scenario, who, combo)
-        bound = _speed(bounded_speed(ours, rate), ours) if ours else NOT_RUN
-        body.append([*_names(who, combo), "ours", *_crash_cells(ours, speeds, NOT_RUN), _max_safe(ours), bound])
+        limits = _max_safe(ours), _bounded(ours, rate)
+        body.append([*_names(who, combo), "ours", *_crash_cells(ours, speeds, NOT_RUN), *limits])
         if combo in paper:
             theirs = paper[combo]
             body.append([*_names(who, combo), "paper", *_crash_cells(theirs, speeds, ""), _max_safe(theirs), ""])
-    limits = ["max safe m/s", f"bound < {rate:.0%} up to m/s"]
-    return markdown_table(["vehicle", "roadside", "", *(f"{v:g} m/s" for v in speeds), *limits], body)
+    header = ["vehicle", "roadside", "", *(f"{v:g} m/s" for v in speeds)]
+    return markdown_table([*header, "max safe m/s", f"bound < {rate:.0%} up to m/s"], body)
 
 
-def side_table(results: Results, scenario: str, perception: str, text: Callable[[Cell], str]) -> list[str]:
-    """A table of the same form whose cells hold ``text`` of what was run."""
+def side_table(results: Results, scenario: str, perception: str, column: SideColumn) -> list[str]:
+    """A table of the same form whose cells hold a column's text of what was run; the baseline perceives nothing."""
     speeds = results.speeds(scenario, perception)
     body = []
     for who, combo in shown_lines(results, scenario, perception):
+        if who == BASELINE and column.of_perception:
+            continue
         cells = results.row(scenario, who, combo)
-        body.append([*_names(who, combo), *(text(cells[v]) if v in cells else NOT_RUN for v in speeds)])
+        body.append([*_names(who, combo), *(column.text(cells[v]) if v in cells else NOT_RUN for v in speeds)])
     return markdown_table(["vehicle", "roadside", *(f"{v:g} m/s" for v in speeds)], body)
 
 
@@ -101,24 +103,16 @@ def gain_lines(results: Results, scenario: str, perception: str) -> list[str]:
     lines = []
     for combo in (c for c in SENSOR_SETS if not c.endswith("+none")):
         alone = combo.partition("+")[0] + "+none"
-        gains = [_gain(tallies.get(combo, {}), tallies.get(alone, {})) for tallies in (ours, paper)]
-        if gains[0] is not None:
-            beside = "" if gains[1] is None else f" (paper: {gains[1]:+g} m/s)"
-            lines.append(f"- `{combo}` against `{alone}`: {gains[0]:+g} m/s{beside}")
+        if ours[combo] and ours[alone]:
+            beside = f" (paper: {roadside_gain(paper[combo], paper[alone])})" if paper else ""
+            lines.append(f"- `{combo}` against `{alone}`: {roadside_gain(ours[combo], ours[alone])}{beside}")
     return lines
 
 
-def _gain(tally: Tally, alone: Tally) -> float | None:
-    speeds = max_safe_speed(tally), max_safe_speed(alone)
-    return None if None in speeds else speeds[0] - speeds[1]
-
-
 def _names(perception: str, combo: str) -> tuple[str, str]:
-    """The sensors of vehicle and roadside."""
-    if perception == BASELINE:
-        return "always slow", NOTHING
+    """The sensors of vehicle and roadside, or who needs none."""
     vehicle, _, roadside = combo.partition("+")
-    return vehicle, roadside or vehicle  # "any" stands for either's
+    return (vehicle, roadside) if roadside else (perception.replace("_", " "), NOTHING)
 
 
 def _crash_cells(tally: Tally, speeds: list[float], missing: str) -> list[str]:
@@ -137,6 +131,13 @@ def _crashes(crashes: int, trials: int, marked: bool) -> str:
 
 def _max_safe(tally: Tally) -> str:
     return _speed(max_safe_speed(tally), tally) if tally else NOT_RUN
+
+
+def _bounded(tally: Tally, rate: float) -> str:
+    speed = bounded_speed(tally, rate)
+    if tally and speed is None and max_safe_speed(tally) is not None:
+        return TOO_FEW
+    return _speed(speed, tally) if tally else NOT_RUN
 
 
 def _speed(speed: float | None, tally: Tally) -> str:

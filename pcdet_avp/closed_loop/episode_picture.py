@@ -19,6 +19,7 @@ CAMERA_PX, MAP_PX, STRIP_PX = (576, 324), (864, 648), (1440, 162)  # width, heig
 WINDOW_M, BEHIND_M, FAR_RIGHT_Y_M = 44.0, 8.0, -22.0  # what the map shows: its width, how much of it behind the ego
 MAP_SCALE = MAP_PX[0] / WINDOW_M  # pixels a metre
 FUSED_COLOR, ALONE_COLOR, EGO_COLOR, MAST_COLOR = CLASS_COLORS["Pedestrian"], EGO_LIGHT, (245, 245, 245), INFRA_LIGHT
+IGNORED_COLOR = (155, 104, 130)
 SMALL_M = 1.5  # boxes smaller than this are ringed on the map, or nobody would see them
 WINDSCREEN, WINDSCREEN_COLOR = np.array([[0.75, 0.0, 0.0, 0.7, 1.5, 1.0, 0.0]]), (70, 78, 90)  # tells front from rear
 BANNERS = {"front": (200, 50, 50), "side": (200, 120, 40), "none": (60, 140, 75)}
@@ -32,8 +33,9 @@ class Moment:
     ego: AgentView
     infra: AgentView
     users: np.ndarray  # every road user that moves or waits to
-    fused: np.ndarray | None  # detections of the combination that drives
-    alone: np.ndarray | None  # detections of the same vehicle without the roadside
+    fused: np.ndarray | None  # detections of the combination that drives, those that the policy heeds
+    alone: np.ndarray | None  # ... of the same vehicle without the roadside
+    ignored: np.ndarray  # other detections of the combination that drives: parked cars
     banner: tuple[str, str] | None = None  # text, outcome
 
 
@@ -54,7 +56,8 @@ class EpisodePainter:
         used = agent == "ego" or self._uses_infra
         boxes, tints = [moment.users], [TRUE_COLOR] * len(moment.users)
         if used:
-            boxes, tints = [*boxes, found], tints + [FUSED_COLOR] * len(found)
+            boxes = [moment.ignored, *boxes, found]
+            tints = [IGNORED_COLOR] * len(moment.ignored) + tints + [FUSED_COLOR] * len(found)
         to_agent = view.world_from_agent.inverse()
         name = {"ego": "vehicle camera", "infra": "roadside camera" + ("" if used else " (not used)")}[agent]
         boxes = transform_boxes(to_agent, np.concatenate(boxes))
@@ -70,6 +73,7 @@ class EpisodePainter:
         ego = transform_boxes(moment.ego.world_from_agent, EGO_FOOTPRINT)
         canvas.fill(bev_corners(ego)[0], EGO_COLOR)
         canvas.fill(bev_corners(transform_boxes(moment.ego.world_from_agent, WINDSCREEN))[0], WINDSCREEN_COLOR)
+        canvas.boxes(moment.ignored, np.array([IGNORED_COLOR] * len(moment.ignored), np.uint8).reshape(-1, 3), 1)
         for box in moment.users:
             canvas.fill(bev_corners(box[None])[0], TRUE_COLOR)
         if self._uses_infra:
@@ -93,6 +97,8 @@ class EpisodePainter:
         entries = [("road users", TRUE_COLOR), ("detected", FUSED_COLOR)]
         if self._uses_infra:
             entries[1:] = [("detected with the roadside", FUSED_COLOR), ("detected by the car alone", ALONE_COLOR)]
+        if len(moment.ignored):
+            entries.append(("detected and ignored: parked, or past", IGNORED_COLOR))
         for row, (text, color) in enumerate(entries):
             y = image.shape[0] - 16 - 22 * (len(entries) - 1 - row)
             cv2.rectangle(image, (14, y - 10), (26, y + 2), color, -1)

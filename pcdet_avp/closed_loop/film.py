@@ -96,14 +96,23 @@ class Film:
         recording = self._recording
         world = recording.seek(tick)
         ego, infra = camera_views(world, self._rig, (*recording.scenario.seed_key, tick), CAMERA_PX[0])
-        fused, alone = (
-            _in_world(seen[tick], world.world_from_ego) for seen in (recording.log.perceived, recording.alone)
-        )
+        fused, ignored = self._in_world(recording.log.perceived[tick], world.world_from_ego)
+        alone, _ = self._in_world(recording.alone[tick], world.world_from_ego)
         last = tick == len(recording.log.times) - 1
         banner = self._banner() if last else None
         return self._painter.picture(
-            Moment(float(recording.log.times[tick]), ego, infra, recording.movers(tick), fused, alone, banner)
+            Moment(float(recording.log.times[tick]), ego, infra, recording.movers(tick), fused, alone, ignored, banner)
         )
+
+    def _in_world(self, seen: Perceived | None, world_from_ego: Pose) -> tuple[np.ndarray | None, np.ndarray]:
+        """Boxes of detections that the policy heeds (None: perception sleeps), and of those that it ignores."""
+        if seen is None:
+            return None, np.zeros((0, 7))
+        boxes, junction = transform_boxes(world_from_ego, seen.boxes), self._recording.scenario.junction
+        heeded = seen.names == "Pedestrian"
+        if junction is not None:
+            heeded |= (seen.names == "Car") & junction.obstructs(boxes)
+        return boxes[heeded], boxes[~heeded]
 
     def _banner(self) -> tuple[str, str]:
         log = self._recording.log
@@ -134,10 +143,6 @@ class Film:
             pose = Pose.from_xyz_yaw(float(x), scenario.layout.lane_y)
             targets.append(scenario.cruising if seen is None else driver.decide(seen.boxes, seen.names, pose))
         return np.array(targets[: len(log.times)])
-
-
-def _in_world(seen: Perceived | None, world_from_ego: Pose) -> np.ndarray | None:
-    return None if seen is None else transform_boxes(world_from_ego, seen.boxes)
 
 
 def _still_ticks(ticks: range, log: EpisodeLog) -> list[int]:

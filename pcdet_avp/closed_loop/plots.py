@@ -17,6 +17,8 @@ from pcdet_avp.files import write_bytes
 
 # Of the roadside's sensors; told apart by the colour-blind too.
 COLORS = {"none": "#6e6e6e", "C": "#e08a00", "CL": "#0062a8"}
+WIDTHS = {"none": 4.2, "C": 2.6, "CL": 1.2}
+ASIDE_MPS = 0.08  # between curves of the same panel
 VEHICLES = {"C": "vehicle camera", "CL": "vehicle camera + LiDAR"}
 ROADSIDE = {"none": "alone", "C": "roadside camera", "CL": "roadside camera + LiDAR"}
 
@@ -29,14 +31,15 @@ def write_figure(figure: Figure, file: Path) -> None:
 
 
 def speed_crash_figure(results: Results, scenario: str, perception: str, title: str) -> Figure:
-    """Crash rate against cruising speed with its 95 % band, a panel per vehicle; dotted: the paper."""
+    """Crash rate against cruising speed with its 95 % interval, a panel per vehicle; dotted: the paper."""
     paper = paper_tallies(scenario) if has_paper_rows(scenario, perception) else {}
     panels = vehicle_panels(results, scenario, perception)
     figure, axes = _panels(panels, title)
     for (name, combos), axis in zip(panels.items(), axes, strict=True):
-        for combo in combos:
+        for rank, combo in enumerate(combos):
             color = combo_color(combo)
-            _curve(axis, results.tally(scenario, perception, combo), color, combo_label(combo))
+            tally = results.tally(scenario, perception, combo)
+            _curve(axis, tally, color, combo_label(combo, perception), ASIDE_MPS * (rank - (len(combos) - 1) / 2))
             if combo in paper:
                 axis.plot(*_rates(paper[combo]), ":", color=color, marker="x", markersize=5, linewidth=1.2)
         for combo in results.combos(scenario, BASELINE) if perception != BASELINE else ():
@@ -51,13 +54,15 @@ def speed_crash_figure(results: Results, scenario: str, perception: str, title: 
     return figure
 
 
-def _curve(axis: Axes, tally: Tally, color: str, label: str) -> None:
+def _curve(axis: Axes, tally: Tally, color: str, label: str, aside: float) -> None:
+    """Drawn ``aside`` m/s beside its speeds, or curves would hide each other where nobody crashes."""
     if not tally:
         axis.plot([], [], color=color, label=f"{label}: not run")
         return
-    band = 100 * np.array([crash_interval(*tally[v]) for v in sorted(tally)])
-    axis.fill_between(sorted(tally), *band.T, color=color, alpha=0.13, linewidth=0)
-    axis.plot(*_rates(tally), color=color, marker="o", markersize=4, label=label)
+    speeds, rates = (np.array(values) for values in _rates(tally))
+    interval = 100 * np.array([crash_interval(*tally[v]) for v in sorted(tally)]).T
+    axis.vlines(speeds + aside, *interval, color=color, alpha=0.35, linewidth=2)
+    axis.plot(speeds + aside, rates, color=color, marker="o", markersize=4, label=label)
 
 
 def _rates(tally: Tally) -> tuple[list[float], list[float]]:
@@ -66,30 +71,38 @@ def _rates(tally: Tally) -> tuple[list[float], list[float]]:
 
 
 def detection_figure(results: Results, scenario: str, perception: str, title: str) -> Figure:
-    """How far ahead the last-noticed threat was first noticed: share of the episodes, all speeds together."""
+    """How far ahead the last-noticed threat was first noticed: share of the episodes, all speeds together. Where
+    curves coincide, the wider one shows beneath."""
     panels = vehicle_panels(results, scenario, perception)
     figure, axes = _panels(panels, title)
     for (name, combos), axis in zip(panels.items(), axes, strict=True):
         for combo in combos:
             cells = results.row(scenario, perception, combo).values()
             distances = np.concatenate([np.zeros(0), *(cell.values("first_detection_m") for cell in cells)])
-            _survival(axis, distances, combo_color(combo), combo_label(combo))
-        axis.set(title=name, xlabel="distance ahead of the bumper (m)", ylim=(0, 102), xlim=(0, None))
+            _survival(
+                axis,
+                distances,
+                combo_color(combo),
+                combo_label(combo, perception),
+                WIDTHS.get(combo.partition("+")[2], 1.5),
+            )
+        axis.set(title=name, xlabel="distance ahead of the bumper (m)", ylim=(0, 104))
         axis.grid(alpha=0.25)
         _legend(axis)
-    axes[0].set_ylabel("episodes noticed from at least there (%)")
+    farthest = max([1.0, *(axis.dataLim.x1 for axis in axes)])
+    axes[0].set(ylabel="episodes noticed from at least there (%)", xlim=(0, 1.03 * farthest))
     return figure
 
 
-def _survival(axis: Axes, values: np.ndarray, color: str, label: str) -> None:
+def _survival(axis: Axes, values: np.ndarray, color: str, label: str, width: float) -> None:
     """NaN is an episode in which nobody was noticed: it keeps the curve below 100 %."""
     if not len(values):
         axis.plot([], [], color=color, label=f"{label}: not run")
         return
     known = np.sort(values[np.isfinite(values)])
     share = 100 * (len(known) - np.arange(len(known))) / len(values)
-    x, y = np.concatenate([[0.0], known]), np.concatenate([share[:1], share])
-    axis.step(x, y, where="pre", color=color, label=label)
+    x, y = np.concatenate([[0.0], known, known[-1:]]), np.concatenate([share[:1], share, [0.0]])
+    axis.step(x, y, where="pre", color=color, label=label, linewidth=width)
 
 
 def law_figure(cruising: float = 1.0) -> Figure:
@@ -119,8 +132,9 @@ def combo_color(combo: str) -> str:
     return COLORS.get(combo.partition("+")[2], "#0062a8")
 
 
-def combo_label(combo: str) -> str:
-    return ROADSIDE.get(combo.partition("+")[2], combo)
+def combo_label(combo: str, perception: str) -> str:
+    """The roadside's part, or who needs no sensors."""
+    return ROADSIDE.get(combo.partition("+")[2], perception)
 
 
 def _panels(panels: dict, title: str) -> tuple[Figure, list[Axes]]:

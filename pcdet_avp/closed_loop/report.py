@@ -8,7 +8,9 @@ from matplotlib.figure import Figure
 
 from pcdet_avp.closed_loop.crash_tables import (
     BASELINE,
+    NOT_RUN,
     SAFE_RATE,
+    TOO_FEW,
     crash_table,
     gain_lines,
     has_paper_rows,
@@ -76,16 +78,23 @@ def _perceptions(results: Results) -> str:
 def _provenance(results: Results) -> list[str]:
     """What was run, how, and by which code."""
     meta = results.meta
+    commands = meta.get("commands") or [meta.get("command")]
     facts = {
-        "command": f"`{meta.get('command')}`",
+        **{f"command {k}" if len(commands) > 1 else "command": f"`{c}`" for k, c in enumerate(commands, start=1)},
         "seed": meta.get("seed"),
         "commit": meta.get("git_commit"),
         "weights": meta.get("weights_hash"),
         "versions": ", ".join(f"{k} {v}" for k, v in (meta.get("versions") or {}).items()),
         "machine": ", ".join(f"{k} {v}" for k, v in (meta.get("machine") or {}).items()),
-        "wall time": f"{meta['wall_time_s']} s" if meta.get("wall_time_s") is not None else None,
+        "episodes": _episodes(results),
     }
     return [f"- {name}: {value}" for name, value in facts.items() if value not in (None, "")]
+
+
+def _episodes(results: Results) -> str:
+    """How many, and what they took; with several workers that is more than the time of waiting."""
+    count, wall_s = sum(cell.trials for cell in results.cells.values()), results.meta.get("episodes_wall_s")
+    return f"{count}" if wall_s is None else f"{count}; {wall_s / 60:.1f} minutes of one core"
 
 
 def _section(results: Results, scenario: str, perception: str, figures: Path) -> list[str]:
@@ -95,8 +104,8 @@ def _section(results: Results, scenario: str, perception: str, figures: Path) ->
     lines += _crash_part(results, scenario, perception, head)
     lines += ["", *_pace_part(results, scenario, perception, head), ""]
     lines += [*_picture(figures / f"crashes_{stem}.png", curves, f"{head}: crash rate against cruising speed")]
-    for heading, text in side_columns(results.group(scenario, perception)):
-        lines += ["", f"**{head}: {heading}**", "", *side_table(results, scenario, perception, text)]
+    for column in side_columns(results.group(scenario, perception)):
+        lines += ["", f"**{head}: {column.heading}**", "", *side_table(results, scenario, perception, column)]
     if any(len(cell.measured("first_detection_m")) for cell in results.group(scenario, perception)):
         far = detection_figure(results, scenario, perception, f"{head}: first detection")
         lines += ["", *_picture(figures / f"detection_{stem}.png", far, f"{head}: distance of the first detection")]
@@ -111,12 +120,24 @@ def _crash_part(results: Results, scenario: str, perception: str, head: str) -> 
     return [
         f"**{head}: crashes** ({counted}) of n episodes{beside}.",
         "In brackets the rate's 95 % Clopper-Pearson interval in percent. Bold: the highest speed up to which no crash",
-        f"occurred. Last column: the highest speed up to which the one-sided 95 % bound stays below {SAFE_RATE:.0%}.",
-        "`>=`: nothing faster was run; `<`: not even the slowest is safe.",
+        f"occurred. Last column: the highest speed at which the one-sided 95 % bound stays below {SAFE_RATE:.0%}.",
+        *_marks(table),
         "",
         *table,
         *(["", "What the roadside adds to the maximum safe speed:", "", *gains] if gains else []),
     ]
+
+
+def _marks(table: list[str]) -> list[str]:
+    """What the marks mean that a table has."""
+    text = "\n".join(table)
+    marks = {
+        "| >= ": "`>=`: nothing faster was run.",
+        "| < ": "`<`: the slowest speed that was run is not safe.",
+        TOO_FEW: f"`{TOO_FEW}`: with so few trials even no crash at all does not bound the rate so far.",
+        NOT_RUN: f"`{NOT_RUN}`: left out, or still to come; it does not mean safe.",
+    }
+    return [meaning for mark, meaning in marks.items() if mark in text]
 
 
 def _pace_part(results: Results, scenario: str, perception: str, head: str) -> list[str]:

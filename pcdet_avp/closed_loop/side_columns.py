@@ -3,30 +3,43 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from pcdet_avp.closed_loop.results import Cell
 
-CellText = Callable[[Cell], str]
+
+class SideColumn(NamedTuple):
+    """A table's heading and the text of its cells; ``of_perception``: it tells of detections, which the baseline has
+    none of."""
+
+    heading: str
+    text: Callable[[Cell], str]
+    of_perception: bool = False
 
 
-def side_columns(cells: Sequence[Cell]) -> list[tuple[str, CellText]]:
-    """Heading and cell text of every table that has something to say about these cells."""
+def side_columns(cells: Sequence[Cell]) -> list[SideColumn]:
+    """Every table that has something to say about these cells."""
     columns = [
-        ("mean speed (m/s), share of false braking (%)", _pace),
-        ("contacts with the front / with the side", lambda c: f"{c.outcomes('front')} / {c.outcomes('side')}"),
-        ("smallest distance (m) / smallest time to collision (s): medians", _nearness),
-        ("hardest deceleration (m/s2) / fastest impact (m/s)", _violence),
+        SideColumn("mean speed (m/s), share of false braking (%)", _pace),
+        SideColumn(
+            "contacts with the front / with the side", lambda c: f"{c.outcomes('front')} / {c.outcomes('side')}"
+        ),
+        SideColumn("smallest distance (m) / smallest time to collision (s): medians", _nearness),
+        SideColumn("hardest deceleration (m/s2) / fastest impact (m/s)", _violence),
     ]
     if any(_has(cell, "first_detection_m") for cell in cells):
-        columns.append(("first detection, m ahead of the bumper: median (episodes without any, %)", _first_detection))
+        heading = "first detection, m ahead of the bumper: median (episodes without any, %)"
+        columns.append(SideColumn(heading, _first_detection, of_perception=True))
     if any(_has(cell, "missed_outside") or _has(cell, "missed_occluded") for cell in cells):
-        columns.append(("threats unseen, ticks per episode: outside every field of view / occluded", _misses))
+        heading = "threats unseen, ticks per episode: outside every field of view / occluded"
+        columns.append(SideColumn(heading, _misses, of_perception=True))
     if any(_has(cell, "messages") for cell in cells):
-        columns.append(("roadside maps used: mean size (kB) / mean age (ms)", _messages))
+        heading = "roadside maps used: mean size (kB) / mean age (ms)"
+        columns.append(SideColumn(heading, _messages, of_perception=True))
     if any(_unfinished(cell) for cell in cells):
-        columns.append(("episodes that the time limit cut off", lambda cell: str(_unfinished(cell))))
+        columns.append(SideColumn("episodes that the time limit cut off", lambda cell: str(_unfinished(cell))))
     return columns
 
 

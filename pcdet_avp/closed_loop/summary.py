@@ -30,7 +30,18 @@ def write_results(folder: Path, finished: Finished, meta: Mapping[str, Any]) -> 
     write_whole(folder / EPISODES, _csv(ROW_FIELDS, ([getattr(row, name) for name in ROW_FIELDS] for row in rows)))
     times = ([*_case(row), row.duration_s, wall_s] for row, wall_s in ordered)
     write_whole(folder / WALL_TIMES, _csv((*Case._fields, "duration_s", "wall_s"), times))
+    meta = {**meta, "commands": _commands(folder, meta), "episodes_wall_s": round(sum(s for _, s in ordered), 1)}
     write_whole(folder / SUMMARY, json.dumps({"meta": meta, **summary(rows)}, indent=1, allow_nan=False) + "\n")
+
+
+def _commands(folder: Path, meta: Mapping[str, Any]) -> list[str]:
+    """All commands that have left results in a folder; the last one's is ``meta["command"]``."""
+    try:
+        held = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))["meta"]
+    except (OSError, ValueError, KeyError):
+        held = {}
+    found = [*held.get("commands", [held.get("command")]), meta.get("command")]
+    return [command for command in dict.fromkeys(found) if command]
 
 
 def summary(rows: Sequence[EpisodeRow]) -> dict[str, list[dict[str, Any]]]:

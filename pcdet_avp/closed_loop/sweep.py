@@ -15,10 +15,10 @@ from tqdm import tqdm
 
 from pcdet_avp.closed_loop.cases import ANY_COMBO, Case, CaseJob, run_case
 from pcdet_avp.closed_loop.edge_search import next_cell
-from pcdet_avp.closed_loop.journal import Finished, open_journal
+from pcdet_avp.closed_loop.journal import Finished, Journal, open_journal
 from pcdet_avp.closed_loop.perceiver import PERCEIVERS, SENSORLESS
 from pcdet_avp.errors import ConfigError
-from pcdet_avp.parallel import run_tasks
+from pcdet_avp.parallel import TaskPool, task_pool
 from pcdet_avp.sim.episode_table import draw_scenario
 from pcdet_avp.structures.sensor_set import SensorSet
 
@@ -72,18 +72,37 @@ def run_sweep(sweep: Sweep, folder: Path, workers: int = 2, scheduler: str | Non
     """Run what is missing and return all finished episodes that the folder holds, of this sweep or another."""
     claim = {"seed": sweep.seed, "closed_loop": sweep.closed_loop, **sweep.identity}
     with open_journal(folder, claim) as journal:
-        while wanted := [case for case in _wanted(sweep, journal.finished) if case not in journal.finished]:
-            with tqdm(total=len(wanted), unit="episode", desc=f"{sweep.scenario} {sweep.perception}") as bar:
-                for row, wall_s in run_tasks(run_case, [sweep.job(case) for case in wanted], workers, scheduler):
-                    journal.add(row, wall_s)
-                    bar.update()
+        if missing := _wanted(sweep, journal.finished):
+            with task_pool(run_case, min(workers, len(missing)), scheduler) as pool:
+                _run(sweep, journal, pool)
         return journal.finished
 
 
+def _run(sweep: Sweep, journal: Journal, pool: TaskPool) -> None:
+    """Ask for what is missing, and again after every episode: a line of the search goes on as soon as its cell is
+    known, whatever the others do."""
+    asked: set[Case] = set()
+    _ask(sweep, journal, pool, asked)
+    with tqdm(total=len(asked), unit="episode", desc=f"{sweep.scenario} {sweep.perception}") as bar:
+        for row, wall_s in pool.results():
+            journal.add(row, wall_s)
+            _ask(sweep, journal, pool, asked)
+            bar.total = len(asked)
+            bar.update()
+
+
+def _ask(sweep: Sweep, journal: Journal, pool: TaskPool, asked: set[Case]) -> None:
+    for case in _wanted(sweep, journal.finished):
+        if case not in asked:
+            asked.add(case)
+            pool.submit(sweep.job(case), priority=-case.trial)  # cases of one trial share what was built of its garage
+
+
 def _wanted(sweep: Sweep, finished: Finished) -> list[Case]:
-    """Cases to be run now, trial by trial: those of one trial share what was built of its garage."""
+    """Cases that are missing as far as is known now, trial by trial."""
     cells = _next_cells(sweep, finished) if sweep.search else _all_cells(sweep)
-    return sorted((case for cell in cells for case in sweep.cases(*cell)), key=lambda case: (case.trial, case))
+    cases = (case for cell in cells for case in sweep.cases(*cell) if case not in finished)
+    return sorted(cases, key=lambda case: (case.trial, case))
 
 
 def _all_cells(sweep: Sweep) -> Iterable[tuple[str, str, float, int]]:

@@ -71,6 +71,26 @@ def test_what_the_car_alone_would_have_wanted_is_to_go_on(recording):
     assert recording.log.targets.min() < 8.0
 
 
+def test_what_the_policy_ignores_is_drawn_apart(recording):
+    """Walkers are heeded, parked cars are not."""
+    seen = next(seen for seen in recording.log.perceived if seen is not None)
+    heeded, ignored = film.Film(recording, None, "t", EpisodeSettings())._in_world(seen, Pose.identity())
+    assert set(seen.names) == {"Pedestrian", "Car"}
+    np.testing.assert_array_equal(heeded, seen.boxes[seen.names == "Pedestrian"])
+    np.testing.assert_array_equal(ignored, seen.boxes[seen.names == "Car"])
+
+
+def test_a_turning_car_is_heeded_until_it_has_cleared_the_lane():
+    junction = record_episode(draw_scenario("t_junction", 0, 1, 8.0), WithRoadsideOnly(), SensorSet.parse("C+CL"))
+    pictures, oracle, heeded = film.Film(junction, None, "t", EpisodeSettings()), Oracle(PerceiverSettings(TINY)), []
+    awake = [tick for tick, seen in enumerate(junction.log.perceived) if seen is not None]
+    for tick in (awake[0], awake[-1] + 1):  # perception sleeps once nobody is in the way
+        world = junction.seek(tick)
+        seen = oracle.perceive(world, tick, junction.combo)
+        heeded.append(len(pictures._in_world(seen, world.world_from_ego)[0]))
+    assert heeded == [1, 0]
+
+
 def test_a_film_shows_every_second_tick_up_to_the_last_and_holds_it(tmp_path, monkeypatch):
     monkeypatch.setattr(film.Film, "ticks", lambda self: range(120, 125))
     monkeypatch.setattr(film, "HOLD_S", 0.2)
@@ -92,7 +112,7 @@ def test_detections_are_ringed_at_their_metres_on_the_map():
     ego = AgentView(Pose.from_xyz_yaw(-50.0, -1.7), None, None)
     infra = AgentView(Pose.from_xyz_yaw(0.0, 0.0, yaw=np.pi), None, None)
     walker, other = (np.array([[x, y, 0.9, 0.4, 0.4, 1.8, 0.0]]) for x, y in ((-40.0, 2.0), (-30.0, 0.0)))
-    moment = Moment(0.5, ego, infra, np.zeros((0, 7)), walker, other)
+    moment = Moment(0.5, ego, infra, np.zeros((0, 7)), walker, other, np.zeros((0, 7)))
     image = EpisodePainter(plan, 100.0, strip, "t", uses_infra=True).picture(moment)
     floor = image[: MAP_PX[1] - 100, -MAP_PX[0] :]  # without the legend
     for color, box in ((FUSED_COLOR, walker[0]), (ALONE_COLOR, other[0])):

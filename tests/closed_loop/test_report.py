@@ -10,6 +10,7 @@ import pytest
 from pcdet_avp.closed_loop.crash_tables import crash_table, gain_lines, pace_table, paper_tallies
 from pcdet_avp.closed_loop.report import write_report
 from pcdet_avp.closed_loop.results import read_results
+from pcdet_avp.closed_loop.roadside_gain import roadside_gain
 from pcdet_avp.errors import EvaluationError
 from pcdet_avp.evaluation.paper import paper_tables
 
@@ -74,6 +75,7 @@ def test_a_table_has_ours_above_the_papers_with_intervals_and_marks(sweep):
 def test_what_was_not_run_is_not_taken_for_safe(sweep):
     rows = rows_of(crash_table(read_results(sweep), "t_junction", "model"))
     assert len(rows) == 12
+    assert "`not run`: left out" in write_report(sweep).read_text()
     assert rows["C", "CL", "ours"]["8 m/s"] == "not run"
     assert set(rows["CL", "CL", "ours"].values()) == {"not run"}
     assert rows["CL", "CL", "paper"]["8 m/s"] == "4/20 [6, 44]"
@@ -96,9 +98,48 @@ def test_the_papers_tables_are_the_papers():
 
 
 def test_the_roadsides_gain_is_a_difference_of_maximum_safe_speeds(sweep):
+    """C+CL 6 m/s, C+none 3 m/s; the other combinations were not run."""
     assert gain_lines(read_results(sweep), "t_junction", "model") == [
         "- `C+CL` against `C+none`: +3 m/s (paper: +3 m/s)"
     ]
+
+
+@pytest.mark.parametrize(
+    ("tally", "alone", "gain"),
+    [
+        ({6.0: (0, 9), 7.0: (1, 9)}, {4.0: (0, 9), 5.0: (2, 9)}, "+2 m/s"),
+        ({6.0: (0, 9), 7.0: (1, 9)}, {6.0: (0, 9), 7.0: (1, 9)}, "0 m/s"),
+        ({6.0: (0, 9), 10.0: (0, 9)}, {6.0: (0, 9), 7.0: (1, 9)}, "at least +4 m/s"),
+        ({6.0: (0, 9), 7.0: (1, 9)}, {6.0: (1, 9)}, "more than 0 m/s"),
+        ({6.0: (0, 9), 7.0: (1, 9)}, {8.0: (0, 9)}, "at most -2 m/s"),
+        ({6.0: (1, 9)}, {6.0: (0, 9), 7.0: (1, 9)}, "less than 0 m/s"),
+        ({6.0: (0, 1)}, {6.0: (0, 1)}, "not known"),
+        ({6.0: (1, 1)}, {6.0: (1, 1)}, "not known"),
+    ],
+)
+def test_a_gain_is_told_as_far_as_what_was_run_allows(tally, alone, gain):
+    assert roadside_gain(tally, alone) == gain
+
+
+def test_too_few_trials_are_not_taken_for_unsafe(tmp_path):
+    write_sweep(tmp_path, {("pedestrian", "oracle", "any", 3.0): (0, 10)})
+    text = write_report(tmp_path).read_text()
+    assert rows_of(crash_table(read_results(tmp_path), "pedestrian", "oracle"))["oracle", "-", "ours"] == {
+        "3 m/s": "**0/10** [0, 31]",
+        "max safe m/s": ">= 3",
+        "bound < 15% up to m/s": "too few",
+    }
+    assert "`too few`" in text
+    assert "`not run`" not in text
+
+
+def test_tables_of_detections_leave_the_baseline_out(sweep):
+    cells = {("t_junction", "model", "C+CL", 6.0): (1, 20), ("t_junction", "always_slow", "any", 6.0): (0, 20)}
+    _, *tables = write_report(write_sweep(sweep, cells)).read_text().split("**T-junction, perception model (cp_tiny): ")
+    with_baseline = {table.split("\n")[0]: "always slow | -" in table.split("![")[0] for table in tables}
+    detections = [heading for heading in with_baseline if "first detection" in heading or "unseen" in heading]
+    assert len(detections) == 2
+    assert [heading for heading, found in with_baseline.items() if not found] == detections
 
 
 def test_the_always_slow_baseline_is_a_line_of_every_table(sweep):

@@ -60,3 +60,10 @@ def test_bounded_speed_needs_enough_trials():
     assert bounded_speed(tally, 0.01) == 3
     assert bounded_speed(tally, 0.14) == 4
     assert bounded_speed(tally, 0.005) is None
+
+
+def test_few_trials_of_a_slower_speed_do_not_stand_in_the_way_but_their_crashes_do():
+    """What an edge search leaves: 0/10 alone bounds the rate by 26 % only."""
+    assert bounded_speed({6: (0, 10), 8: (0, 10), 9: (0, 20), 10: (1, 10)}, 0.15) == 9
+    assert bounded_speed({6: (1, 10), 9: (0, 20)}, 0.15) is None
+    assert bounded_speed({6: (0, 10)}, 0.15) is None

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -44,14 +45,29 @@ def asked(**changes) -> Sweep:
     return Sweep(**{**given, **changes})
 
 
+class PoolHere:
+    """No Dask: one job at a time; ``choose`` says which of those that wait is next."""
+
+    def __init__(self, function, choose):
+        self.function, self.choose, self.waiting = function, choose, []
+
+    def submit(self, job, priority=0):
+        self.waiting.append(job)
+
+    def results(self):
+        while self.waiting:
+            job = self.choose(self.waiting)
+            self.waiting.remove(job)
+            yield self.function(job)
+
+
+def run_here(monkeypatch, choose):
+    monkeypatch.setattr(sweep_module, "task_pool", lambda function, *_: nullcontext(PoolHere(function, choose)))
+
+
 @pytest.fixture
 def in_this_process(monkeypatch):
-    """No Dask; jobs are run in a random order."""
-
-    def run_tasks(function, jobs, workers, scheduler):
-        return map(function, random.Random(1).sample(jobs, len(jobs)))
-
-    monkeypatch.setattr(sweep_module, "run_tasks", run_tasks)
+    run_here(monkeypatch, random.Random(1).choice)
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +102,8 @@ def test_the_summary_counts_what_the_episodes_say(reference):
     with (reference / EPISODES).open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     found = json.loads((reference / SUMMARY).read_text())
-    assert found["meta"] == {"seed": 5}
+    assert found["meta"].pop("episodes_wall_s") > 0
+    assert found["meta"] == {"seed": 5, "commands": []}
     assert len(rows) == 12  # oracle and the always-slow baseline, two speeds, three trials
     for cell in found["cells"]:
         own = [r for r in rows if (r["perception"], float(r["speed"])) == (cell["perception"], cell["speed"])]
@@ -97,6 +114,14 @@ def test_the_summary_counts_what_the_episodes_say(reference):
     oracle = next(entry for entry in found["max_safe_speed"] if entry["perception"] == "oracle")
     assert oracle["speed"] == 8.0
     assert oracle["bounded_speed"] is None  # 0 of 3 leaves 63 %
+
+
+def test_the_summary_names_all_commands_that_went_on_with_a_folder(reference, tmp_path):
+    finished = Journal(reference).finished
+    for command in ("a", "b", "a"):
+        write_results(tmp_path, finished, {"command": command})
+    meta = json.loads((tmp_path / SUMMARY).read_text())["meta"]
+    assert (meta["command"], meta["commands"]) == ("a", ["a", "b"])
 
 
 def test_a_walker_in_the_side_is_no_crash_but_a_vehicle_is(reference):
@@ -121,22 +146,55 @@ def test_cases_are_paired(in_this_process):
     assert distances[0] == pytest.approx(distances[1], abs=8.0 * 0.3 + 0.5)
 
 
-def test_the_search_leaves_out_what_lies_below_the_edge(reference, tmp_path, in_this_process, monkeypatch):
-    """Against episodes that are made up: from 9 m/s on, every second trial crashes."""
-    template = next(iter(Journal(reference).finished.values()))[0]
+@pytest.fixture
+def made_up(reference, monkeypatch):
+    """Episodes cost nothing: every second trial crashes, with C+none from 5 m/s on, else from 9 m/s on. Returns the
+    cases in the order in which they are run."""
+    template, run = next(iter(Journal(reference).finished.values()))[0], []
 
-    def made_up(job):
-        outcome = "front" if job.case.speed >= 9.0 and job.case.trial % 2 else "none"
-        return replace(template, **job.case._asdict(), outcome=outcome), 0.0
+    def episode(job):
+        run.append(job.case)
+        crashed = job.case.speed >= (5.0 if job.case.combo == "C+none" else 9.0) and job.case.trial % 2
+        return replace(template, **job.case._asdict(), outcome="front" if crashed else "none"), 0.0
 
-    monkeypatch.setattr(sweep_module, "run_case", made_up)
-    speeds = (3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0)
-    finished = run_sweep(asked(speeds=speeds, trials=20, search=True), tmp_path)
+    monkeypatch.setattr(sweep_module, "run_case", episode)
+    return run
+
+
+SPEEDS = (3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0)
+
+
+def test_the_search_leaves_out_what_lies_below_the_edge(made_up, tmp_path, in_this_process):
+    finished = run_sweep(asked(speeds=SPEEDS, trials=20, search=True), tmp_path)
     tried = Counter(case.speed for case in finished if case.perception == "oracle")
     assert (tried[8.0], tried[9.0]) == (20, 20)
     assert 3.0 not in tried
     assert sum(tried.values()) <= 60
-    assert Counter(case.speed for case in finished if case.perception == "always_slow") == dict.fromkeys(speeds, 20)
+    assert Counter(case.speed for case in finished if case.perception == "always_slow") == dict.fromkeys(SPEEDS, 20)
+
+
+def search_of_two(folder):
+    combos = ("C+none", "C+CL")
+    wanted = asked(perception="los", identity={"los": {}}, combos=combos, speeds=SPEEDS, trials=20, search=True)
+    return run_sweep(wanted, folder)
+
+
+def test_the_search_runs_the_same_cases_in_whatever_order_they_finish(made_up, tmp_path, monkeypatch):
+    found = []
+    for seed in range(4):
+        run_here(monkeypatch, random.Random(seed).choice)
+        found.append(search_of_two(tmp_path / str(seed)))
+    assert all(other == found[0] for other in found[1:])
+
+
+def test_a_line_of_the_search_waits_for_no_other(made_up, tmp_path, monkeypatch):
+    """C+CL is held up until C+none has come to the end of its search."""
+    run_here(monkeypatch, lambda waiting: min(waiting, key=lambda job: job.case.combo == "C+CL"))
+    search_of_two(tmp_path)
+    first = [case.combo for case in made_up].index("C+CL")
+    tried = Counter(case.speed for case in made_up[:first] if case.combo == "C+none")
+    assert (tried[4.0], tried[5.0]) == (20, 20)  # the edge
+    assert "C+none" not in {case.combo for case in made_up[first:]}
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,49 @@
+"""Tasks on a local cluster of two processes: they stay, they take what is added, and an error ends the rest."""
+
+import os
+import time
+
+import pytest
+
+from pcdet_avp.errors import ConfigError
+from pcdet_avp.parallel import run_tasks, task_pool
+
+
+def test_jobs_added_between_results_are_run_by_the_same_processes():
+    with task_pool(lambda job: (job, os.getpid()), workers=2) as pool:
+        for job in range(4):
+            pool.submit(job)
+        found = []
+        for job, process in pool.results():
+            found.append((job, process))
+            if job < 12:
+                pool.submit(job + 4)
+    assert sorted(job for job, _ in found) == list(range(16))
+    assert len({process for _, process in found}) <= 2
+
+
+def test_jobs_are_begun_by_priority_but_for_one_that_the_worker_holds_ready():
+    with task_pool(lambda job: time.sleep(0.5 if job == 9 else 0.0) or job, workers=1) as pool:
+        for job in (9, 1, 5, 4, 2, 3):
+            pool.submit(job, priority=job)
+        begun = list(pool.results())
+    assert begun[0] == 9
+    assert begun[2:] == sorted(begun[2:], reverse=True)
+
+
+def test_the_first_error_is_raised_and_the_rest_is_given_up(tmp_path):
+    def leave_a_file(job):
+        if job == 0:
+            raise ConfigError("no")
+        time.sleep(0.2)
+        (tmp_path / str(job)).touch()
+
+    with pytest.raises(ConfigError, match="no"):
+        list(run_tasks(leave_a_file, range(40), workers=2))
+    assert len(list(tmp_path.iterdir())) < 20
+
+
+def test_no_job_needs_no_cluster_but_a_worker_there_must_be():
+    assert list(run_tasks(print, [])) == []
+    with pytest.raises(ConfigError, match="workers"):
+        list(run_tasks(print, [], workers=0))
