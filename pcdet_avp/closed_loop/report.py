@@ -92,9 +92,9 @@ def _provenance(results: Results) -> list[str]:
 
 
 def _episodes(results: Results) -> str:
-    """How many, and what they took; with several workers that is more than the time of waiting."""
+    """How many, and what they took one by one."""
     count, wall_s = sum(cell.trials for cell in results.cells.values()), results.meta.get("episodes_wall_s")
-    return f"{count}" if wall_s is None else f"{count}; {wall_s / 60:.1f} minutes of one core"
+    return f"{count}" if wall_s is None else f"{count}; their wall times add up to {wall_s / 60:.1f} minutes"
 
 
 def _section(results: Results, scenario: str, perception: str, figures: Path) -> list[str]:
