@@ -27,6 +27,16 @@ class Latent:
     values: Tensor
     received: Tensor
 
+    def sparse(self, sample: int = 0) -> Tensor:
+        """One sample's map as torch's hybrid sparse tensor (h, w, c): where its occupied cells are, and their vectors.
+
+        For whoever sends maps by other means than ``link.packet``; ``to_dense()`` gives the map back.
+        """
+        values = self.values[sample]
+        rows, columns = (values != 0).any(0).nonzero(as_tuple=True)
+        vectors, shape = values[:, rows, columns].T, (*values.shape[1:], len(values))
+        return torch.sparse_coo_tensor(torch.stack([rows, columns]), vectors, shape, check_invariants=True).coalesce()
+
 
 @COMPRESSION.register("BevCodec")
 class BevCodec(nn.Module):

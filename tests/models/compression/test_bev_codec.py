@@ -45,6 +45,17 @@ def test_shapes_and_empty_cells(precision, threshold):
     assert module.compress(torch.zeros(1, 16, 4, 4))[0].view(torch.int32).eq(0).all()  # not even a negative zero
 
 
+def test_sparse_map_holds_the_occupied_cells_and_nothing_else():
+    values = torch.zeros(2, 3, 2, 4)
+    values[1, :, 0, 2] = torch.tensor([1.0, 0.0, -2.0])
+    values[1, 1, 1, 3] = 5.0
+    sparse = Latent(values, torch.ones(2, 1, 2, 4, dtype=torch.bool)).sparse(1)
+    assert sparse.indices().tolist() == [[0, 1], [2, 3]]
+    assert sparse.values().tolist() == [[1.0, 0.0, -2.0], [0.0, 5.0, 0.0]]
+    assert torch.equal(sparse.to_dense(), values[1].permute(1, 2, 0))
+    assert Latent(values, values[:, :1] == 0).sparse(0).values().shape == (0, 3)
+
+
 def test_the_latent_is_its_own_float16():
     latent, _ = codec().compress(half_empty_map() * 1e5)
     assert torch.equal(latent, latent.half().float())
