@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
 import time
 from types import FrameType
 
+STDERR = 2
+NOTICE = b"\nstopping after this iteration, with a checkpoint; Ctrl-C again stops at once, without\n"
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 PATIENCE_S = 1.0  # a launcher repeats the terminal's signal at once; only a later one is impatience
 
 
 class Interrupt:
-    """While active, the first Ctrl-C (or SIGTERM) only sets ``requested``; a second Ctrl-C interrupts at once."""
+    """While active, the first Ctrl-C (or SIGTERM) only sets ``requested``; a second Ctrl-C interrupts at once.
 
-    def __init__(self) -> None:
-        self.requested = False
+    ``speaks``: it tells the user, since an iteration may take minutes.
+    """
+
+    def __init__(self, speaks: bool = False) -> None:
+        self.requested, self.speaks = False, speaks
         self._since = 0.0
         self._before: dict[int, object] = {}
 
@@ -32,5 +38,7 @@ class Interrupt:
         now = time.monotonic()
         if not self.requested:
             self.requested, self._since = True, now
+            if self.speaks:
+                os.write(STDERR, NOTICE)  # a signal handler must not enter a stream that may be in use
         elif number == signal.SIGINT and now - self._since > PATIENCE_S:
             raise KeyboardInterrupt

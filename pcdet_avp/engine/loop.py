@@ -65,7 +65,7 @@ def train(
     look: Callable[[int], None] | None = None,
 ) -> None:
     """Train until the schedule ends; Ctrl-C saves first. ``look(iteration)`` is called after every step of rank 0."""
-    with Interrupt() as interrupt:
+    with Interrupt(speaks=trainer.ranks.is_first) as interrupt:
         for report, seconds in _steps(trainer, batches, interrupt):
             if monitor:
                 monitor.add(report)

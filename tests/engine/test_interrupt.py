@@ -18,6 +18,14 @@ def test_the_first_signal_only_asks_and_its_echo_changes_nothing():
         assert asked.requested
 
 
+@pytest.mark.parametrize("speaks", [False, True])
+def test_it_says_once_what_the_signal_does(capfd, speaks):
+    with Interrupt(speaks):
+        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), signal.SIGINT)
+    assert capfd.readouterr().err.count("stopping after this iteration") == speaks
+
+
 def test_a_later_second_ctrl_c_interrupts_at_once(monkeypatch):
     monkeypatch.setattr(interrupt, "PATIENCE_S", -1.0)
 
