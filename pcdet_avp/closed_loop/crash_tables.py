@@ -6,24 +6,22 @@ has skipped; it is not the same as no crash. ``TOO_FEW``: so few trials cannot b
 
 from __future__ import annotations
 
+from pcdet_avp.closed_loop.perceiver import BASELINE, SENSORLESS
 from pcdet_avp.closed_loop.results import Cell, Results
 from pcdet_avp.closed_loop.roadside_gain import roadside_gain
-from pcdet_avp.closed_loop.safety import Tally, bounded_speed, crash_interval, max_safe_speed
+from pcdet_avp.closed_loop.safety import SAFE_RATE, Tally, bounded_speed, crash_interval, max_safe_speed
 from pcdet_avp.closed_loop.side_columns import SideColumn
 from pcdet_avp.evaluation.benchmark_table import markdown_table
 from pcdet_avp.evaluation.paper import paper_tables
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
 
 NOT_RUN, NOTHING, TOO_FEW = "not run", "-", "too few"
-SAFE_RATE = 0.15  # 20 trials without a crash bound the rate by 13.9 %
 PAPER_SCENARIOS = {
     "pedestrian": "pedestrian_crossing",
     "pedestrian_late": "pedestrian_crossing",
     "t_junction": "t_junction",
     "t_junction_wide": "t_junction",
 }
-SENSORLESS = ("oracle", "blind", "always_slow")  # they see the same with any sensors, and the paper has no such rows
-BASELINE = "always_slow"  # a line of every table: a timid car must not win
 
 
 def crash_table(results: Results, scenario: str, perception: str, rate: float = SAFE_RATE) -> list[str]:

@@ -17,6 +17,7 @@ from typing import Any
 from pcdet_avp.closed_loop.cases import Case
 from pcdet_avp.closed_loop.episode_log import ROW_FIELDS, EpisodeRow
 from pcdet_avp.errors import RecordError
+from pcdet_avp.files import write_json
 
 JOURNAL, CLAIM = "journal.jsonl", "sweep.json"
 Finished = dict[Case, tuple[EpisodeRow, float]]  # record and wall seconds of every finished episode
@@ -87,14 +88,4 @@ def _claim(file: Path, claim: dict[str, Any]) -> None:
     for name, value in claim.items():
         if held.get(name, value) != value:
             raise RecordError(f"{file}: holds a sweep with another {name}; choose another --out or remove the folder")
-    write_whole(file, json.dumps({**held, **claim}, indent=1) + "\n")
-
-
-def write_whole(file: Path, text: str) -> None:
-    """Whole or not at all."""
-    aside = file.with_name(f".{file.name}.partial")
-    try:
-        aside.write_text(text, encoding="utf-8", newline="")
-        os.replace(aside, file)
-    except OSError as error:
-        raise RecordError(f"{file}: cannot be written ({error.strerror})") from error
+    write_json(file, {**held, **claim})

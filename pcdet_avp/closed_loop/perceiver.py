@@ -120,6 +120,7 @@ PERCEIVERS: dict[str, Callable[[PerceiverSettings], Perceiver]] = {
     "always_slow": _always_slow,
 }
 SENSORLESS = ("oracle", "blind", "always_slow")  # these see the same with every sensor combination
+BASELINE = "always_slow"  # a line of every crash table: a timid car must not win
 
 
 def build_perceiver(name: str, settings: PerceiverSettings) -> Perceiver:

@@ -9,7 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pcdet_avp.closed_loop.crash_tables import BASELINE, SENSORLESS, has_paper_rows, paper_tallies
+from pcdet_avp.closed_loop.crash_tables import has_paper_rows, paper_tallies
+from pcdet_avp.closed_loop.perceiver import BASELINE, SENSORLESS
 from pcdet_avp.closed_loop.policy import INNER_M, OUTER_M, target_speed_law
 from pcdet_avp.closed_loop.results import Results
 from pcdet_avp.closed_loop.safety import Tally, crash_interval

@@ -7,9 +7,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from pcdet_avp.closed_loop.crash_tables import (
-    BASELINE,
     NOT_RUN,
-    SAFE_RATE,
     TOO_FEW,
     crash_table,
     gain_lines,
@@ -17,8 +15,10 @@ from pcdet_avp.closed_loop.crash_tables import (
     pace_table,
     side_table,
 )
+from pcdet_avp.closed_loop.perceiver import BASELINE
 from pcdet_avp.closed_loop.plots import detection_figure, law_figure, speed_crash_figure, write_figure
 from pcdet_avp.closed_loop.results import Results, read_results
+from pcdet_avp.closed_loop.safety import SAFE_RATE
 from pcdet_avp.closed_loop.side_columns import side_columns
 from pcdet_avp.files import write_text
 

@@ -14,12 +14,13 @@ import numpy as np
 
 from pcdet_avp.closed_loop.cases import Case
 from pcdet_avp.closed_loop.episode_log import ROW_FIELDS, EpisodeRow
-from pcdet_avp.closed_loop.journal import Finished, write_whole
-from pcdet_avp.closed_loop.safety import Tally, bounded_speed, crash_interval, max_safe_speed
+from pcdet_avp.closed_loop.journal import Finished
+from pcdet_avp.closed_loop.results import EPISODES, SUMMARY
+from pcdet_avp.closed_loop.safety import SAFE_RATE, Tally, bounded_speed, crash_interval, max_safe_speed
+from pcdet_avp.files import write_json, write_text
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
 
-EPISODES, SUMMARY, WALL_TIMES = "episodes.csv", "summary.json", "wall_times.csv"
-BOUNDED_RATE = 0.15  # 0 of 20 leaves 13.9 %
+WALL_TIMES = "wall_times.csv"
 Group = tuple[str, str, str]  # scenario, perception, combo
 
 
@@ -27,11 +28,11 @@ def write_results(folder: Path, finished: Finished, meta: Mapping[str, Any]) -> 
     """All files of a sweep; the same episodes give the same ``episodes.csv``, in whatever order they were run."""
     ordered = [finished[case] for case in sorted(finished, key=_order)]
     rows = [row for row, _ in ordered]
-    write_whole(folder / EPISODES, _csv(ROW_FIELDS, ([getattr(row, name) for name in ROW_FIELDS] for row in rows)))
+    write_text(folder / EPISODES, _csv(ROW_FIELDS, ([getattr(row, name) for name in ROW_FIELDS] for row in rows)))
     times = ([*_case(row), row.duration_s, wall_s] for row, wall_s in ordered)
-    write_whole(folder / WALL_TIMES, _csv((*Case._fields, "duration_s", "wall_s"), times))
+    write_text(folder / WALL_TIMES, _csv((*Case._fields, "duration_s", "wall_s"), times))
     meta = {**meta, "commands": _commands(folder, meta), "episodes_wall_s": round(sum(s for _, s in ordered), 1)}
-    write_whole(folder / SUMMARY, json.dumps({"meta": meta, **summary(rows)}, indent=1, allow_nan=False) + "\n")
+    write_json(folder / SUMMARY, {"meta": meta, **summary(rows)})
 
 
 def _commands(folder: Path, meta: Mapping[str, Any]) -> list[str]:
@@ -54,8 +55,8 @@ def summary(rows: Sequence[EpisodeRow]) -> dict[str, list[dict[str, Any]]]:
             {
                 **dict(zip(Case._fields, key, strict=False)),
                 "speed": max_safe_speed(tally(found)),
-                "bounded_rate": BOUNDED_RATE,
-                "bounded_speed": bounded_speed(tally(found), BOUNDED_RATE),
+                "bounded_rate": SAFE_RATE,
+                "bounded_speed": bounded_speed(tally(found), SAFE_RATE),
             }
             for key, found in groups
         ],

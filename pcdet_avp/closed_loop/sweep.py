@@ -16,13 +16,12 @@ from tqdm import tqdm
 from pcdet_avp.closed_loop.cases import ANY_COMBO, Case, CaseJob, run_case
 from pcdet_avp.closed_loop.edge_search import next_cell
 from pcdet_avp.closed_loop.journal import Finished, Journal, open_journal
-from pcdet_avp.closed_loop.perceiver import PERCEIVERS, SENSORLESS
+from pcdet_avp.closed_loop.perceiver import BASELINE, PERCEIVERS, SENSORLESS
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.parallel import TaskPool, task_pool
 from pcdet_avp.sim.episode_table import draw_scenario
 from pcdet_avp.structures.sensor_set import SensorSet
 
-BASELINE = "always_slow"
 FEW = 10  # trials of a cell while the edge is sought
 
 
