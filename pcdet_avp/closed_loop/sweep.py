@@ -78,14 +78,15 @@ def run_sweep(sweep: Sweep, folder: Path, workers: int = 2, scheduler: str | Non
 
 
 def _run(sweep: Sweep, journal: Journal, pool: TaskPool) -> None:
-    """Ask for what is missing, and again after every episode: a line of the search goes on as soon as its cell is
-    known, whatever the others do."""
+    """Ask for what is missing, and in a search again after every episode: a line goes on as soon as its cell is known,
+    whatever the others do."""
     asked: set[Case] = set()
     _ask(sweep, journal, pool, asked)
     with tqdm(total=len(asked), unit="episode", desc=f"{sweep.scenario} {sweep.perception}") as bar:
         for row, wall_s in pool.results():
             journal.add(row, wall_s)
-            _ask(sweep, journal, pool, asked)
+            if sweep.search:
+                _ask(sweep, journal, pool, asked)
             bar.total = len(asked)
             bar.update()
 

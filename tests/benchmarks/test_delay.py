@@ -1,8 +1,5 @@
 """benchmarks/delay.py: the past that is rendered is the past of the recorded frame."""
 
-import importlib.util
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -10,15 +7,10 @@ from pcdet_avp.datasets.avp.manifest import read_manifest
 from pcdet_avp.datasets.avp.record import read_frame
 from pcdet_avp.errors import ConfigError
 
-ROOT = Path(__file__).parents[2]
-
 
 @pytest.fixture(scope="module")
-def delay():
-    spec = importlib.util.spec_from_file_location("delay", ROOT / "benchmarks" / "delay.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+def delay(load_benchmark):
+    return load_benchmark("delay")
 
 
 def test_without_delay_the_record_comes_out_again_and_a_moment_before_it_something_else(delay, tiny_data):

@@ -1,20 +1,12 @@
 """benchmarks/flat_sight.py: which sight lines a turned footprint cuts, worked out by hand."""
 
-import importlib.util
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-SCRIPT = Path(__file__).parents[2] / "benchmarks" / "flat_sight.py"
-
 
 @pytest.fixture(scope="module")
-def crossed():
-    spec = importlib.util.spec_from_file_location("flat_sight", SCRIPT)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module.crossed
+def crossed(load_benchmark):
+    return load_benchmark("flat_sight").crossed
 
 
 def test_a_square_on_its_corner_hides_what_lies_behind_it(crossed):

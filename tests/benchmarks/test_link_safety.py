@@ -1,21 +1,14 @@
 """benchmarks/link_safety.py: what each setting changes, and how its episodes become a line."""
 
-import importlib.util
 from argparse import Namespace
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
-
 
 @pytest.fixture(scope="module")
-def link_safety():
-    spec = importlib.util.spec_from_file_location("link_safety", ROOT / "benchmarks" / "link_safety.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+def link_safety(load_benchmark):
+    return load_benchmark("link_safety")
 
 
 def test_every_vehicle_drives_once_without_the_roadside(link_safety):

@@ -116,7 +116,7 @@ def _sum_of_samples(values: Tensor, places: Tensor, scores: Tensor) -> Tensor:
 
 
 def _bag_sum(values: Tensor, places: Tensor, scores: Tensor) -> Tensor:
-    """``deformable_sum`` in a third of the time, without a backward pass: the corners of all samples are one bag.
+    """``deformable_sum`` in a quarter of the time, without a backward pass: the corners of all samples are one bag.
 
     Zeros around the map, one cell before and two behind, give every place four neighbours.
     """
