@@ -63,10 +63,13 @@ class ScaleNorm(nn.Module):
 
     def forward(self, x: Tensor, present: Tensor) -> Tensor:
         """x (B, C, H, W), zero where ``present`` (B, 1, H, W) bool is false -> the same shape."""
+        return x * self.scale(x, present).to(x.dtype)[:, :, None, None]
+
+    def scale(self, x: Tensor, present: Tensor) -> Tensor:
+        """(B, C) at least float32: what ``forward`` multiplies by, for a layer that takes it into its weights."""
         values = present.sum((1, 2, 3)).clamp_min(1) * x.shape[1]
         power = torch.linalg.vector_norm(full_precision(x), dim=(1, 2, 3)).square() / values
-        scale = torch.rsqrt(power + self.eps)[:, None] * self.weight
-        return x * scale.to(x.dtype)[:, :, None, None]
+        return torch.rsqrt(power + self.eps)[:, None] * self.weight
 
 
 def drop_foreign_norms(state: Mapping[str, Tensor], module: nn.Module) -> tuple[dict[str, Tensor], list[str]]:

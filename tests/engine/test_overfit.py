@@ -1,8 +1,7 @@
 """cp_small learns eight frames by heart, from fresh weights: what a sensor sees, the network can find.
 
-On demand: about 20 minutes of one core in bf16. AP on what a combination sees exceeds 95, Car at IoU 0.7, Pedestrian
-at 0.3. The exception: without any LiDAR all pedestrians are found, but not all boxes of 0.4 m overlap by 0.3 (AP 90 and
-93 in one run of this recipe; 99.8 and 100 at 0.01).
+On demand: about 80 minutes of one core. AP on what a combination sees exceeds 95, Car at IoU 0.7, Pedestrian
+at 0.3.
 """
 
 import logging
@@ -31,7 +30,7 @@ from pcdet_avp.structures.sensor_set import SENSOR_SETS, SOURCES
 pytestmark = pytest.mark.slow
 CFG = Path(__file__).parents[2] / "cfgs" / "avp" / "cp_small.yaml"
 CPU = Ranks(torch.device("cpu"))
-FRAMES, ITERATIONS, LR = 8, 960, 0.003
+FRAMES, ITERATIONS, LR = 8, 1920, 0.003
 EASY, INVISIBLE = DIFFICULTIES.index("easy"), DIFFICULTIES.index("invisible")
 ENOUGH_HITS = np.array([MIN_PIXELS if source.endswith("camera") else MIN_POINTS for source in SOURCES])
 
@@ -58,7 +57,7 @@ def found(cfg):
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=True)
-    trainer = build_trainer(cfg, dataset, TrainOptions(use_amp=True), CPU, logging.Logger("silent", 99))
+    trainer = build_trainer(cfg, dataset, TrainOptions(use_amp=False), CPU, logging.Logger("silent", 99))
     source = batches(dataset, CombinationBatchSampler(trainer.plan), CPU)
     while not trainer.finished:
         trainer.step(next(source))
@@ -80,10 +79,5 @@ def seen_by(combo, frames):
 def test_what_a_combination_sees_is_found_in_the_frames_that_were_learned(found, combo):
     frames, detections = found
     _, numbers = evaluate(list(seen_by(combo, frames)), detections[combo], frames.regions(), frames.class_names)
-    by_camera_alone = not any(
-        used and source.endswith("lidar") for used, source in zip(SENSOR_SETS[combo].mask, SOURCES, strict=True)
-    )
-    people = "Pedestrian_easy_0.01" if by_camera_alone else "Pedestrian_easy_0.3"
-    reached = {key: round(numbers[key], 1) for key in ("Car_easy_0.7", people)}
+    reached = {key: round(numbers[key], 1) for key in ("Car_easy_0.7", "Pedestrian_easy_0.3")}
     assert min(reached.values()) > 95, reached
-    assert numbers["Pedestrian_easy_0.3"] > 80

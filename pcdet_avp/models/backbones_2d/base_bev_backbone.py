@@ -8,6 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from pcdet_avp.errors import ConfigError, GeometryError
+from pcdet_avp.models.memory_layout import for_convolutions
 from pcdet_avp.models.norm import make_norm
 from pcdet_avp.registry import BACKBONES_2D
 
@@ -48,7 +49,7 @@ class BaseBEVBackbone(nn.Module):
         """(B, C, H, W) -> (B, num_bev_features, H', W')."""
         if x.shape[2] % self._divisor or x.shape[3] % self._divisor:
             raise GeometryError(f"BACKBONE_2D: a map of {x.shape[2]} x {x.shape[3]} does not divide by {self._divisor}")
-        x = x.contiguous(memory_format=torch.channels_last)  # a quarter faster on a CPU
+        x = for_convolutions(x)
         scales = []
         for block, deblock in zip(self.blocks, self.deblocks, strict=True):
             x = block(x)

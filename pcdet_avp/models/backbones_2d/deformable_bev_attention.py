@@ -55,22 +55,27 @@ class DeformableBevAttention(nn.Module):
         """x (B, C, H, W), present (B, 1, H, W) bool -> (B, C, H, W), zero where absent."""
         if x.shape[2] % self.stride or x.shape[3] % self.stride:
             raise ConfigError(f"ATTENTION.QUERY_STRIDE: {tuple(x.shape[2:])} cells do not divide by {self.stride}")
-        x = x * present
-        x = x + self._attend(self.norm(x, present)) * present
-        y = self.ffn_norm(x, present).permute(0, 2, 3, 1)
-        return x + self.ffn_out(F.relu(self.ffn_in(y))).permute(0, 3, 1, 2)
+        inside = present.to(x.dtype)
+        x = x * inside
+        x = torch.addcmul(x, self._attend(x, self.norm.scale(x, present)), inside)
+        return x + self._feed_forward(x, self.ffn_norm.scale(x, present))
 
-    def _attend(self, x: Tensor) -> Tensor:
+    def _feed_forward(self, x: Tensor, scale: Tensor) -> Tensor:
+        hidden = F.relu(scaled_linear(x, scale, self.ffn_in.weight), inplace=True)
+        return self.ffn_out(hidden).view(len(x), *x.shape[2:], -1).permute(0, 3, 1, 2)
+
+    def _attend(self, x: Tensor, scale: Tensor) -> Tensor:
         b, _, height, width = x.shape
-        values = self.value(x.permute(0, 2, 3, 1)).view(b, height, width, self.heads, -1)
+        values = scaled_linear(x, scale, self.value.weight).view(b, height, width, self.heads, -1)
         query = (F.avg_pool2d(x, self.stride) if self.stride > 1 else x).permute(0, 2, 3, 1)
+        query = query * scale.to(x.dtype)[:, None, None]
         shape = (*query.shape[:3], self.heads, self.points)
         places = self.offsets(query).view(*shape, 2) + self._centres(query)
         scores = (
             self.scores(query).view(shape).movedim(-1, 0).softmax(0).movedim(0, -1)
         )  # a tenth of softmax(-1)'s time
         seen = deformable_sum(values, places, scores)
-        answer = self.output(seen.to(x.dtype).flatten(3)).permute(0, 3, 1, 2)
+        answer = self.output(seen.to(x.dtype).flatten(3)).to(x.dtype).permute(0, 3, 1, 2)
         return F.interpolate(answer, scale_factor=self.stride, mode="nearest") if self.stride > 1 else answer
 
     def _centres(self, query: Tensor) -> Tensor:
@@ -79,6 +84,14 @@ class DeformableBevAttention(nn.Module):
         rows, cols = (torch.arange(n, device=query.device) * self.stride + (self.stride - 1) / 2 for n in (h, w))
         grid = torch.stack(torch.broadcast_tensors(cols, rows[:, None]), -1)
         return grid[:, :, None, None]
+
+
+def scaled_linear(x: Tensor, scale: Tensor, weight: Tensor) -> Tensor:
+    """x (B, C, H, W), scale (B, C), weight (C_out, C) -> (B, H * W, C_out), a linear layer without bias of x * scale.
+
+    The scale goes into the weights, so that the scaled map is never written.
+    """
+    return x.permute(0, 2, 3, 1).flatten(1, 2) @ (weight * scale[:, None]).to(x.dtype).transpose(1, 2)
 
 
 def ring_offsets(heads: int, points: int) -> Tensor:

@@ -94,12 +94,16 @@ class AnchorHeadSingle(nn.Module):
         x = batch_dict["spatial_features_2d"]
         if tuple(x.shape[2:]) != self.map_shape:
             raise GeometryError(f"DENSE_HEAD: anchors lie on a map of {self.map_shape}, found {tuple(x.shape[2:])}")
-        out = {"cls_preds": per_anchor(self.conv_cls(x), self.num_class), "box_preds": per_anchor(self.conv_box(x), 7)}
-        out["dir_cls_preds"] = per_anchor(self.conv_dir_cls(x), self.bins) if self.bins else None
+        scores, codes, *directions = convolve_together([self.conv_cls, self.conv_box, *self._direction_layer()], x)
+        out = {"cls_preds": per_anchor(scores, self.num_class), "box_preds": per_anchor(codes, 7)}
+        out["dir_cls_preds"] = per_anchor(*directions, self.bins) if directions else None
         if not self.training or self.predict_when_training:
             out["batch_cls_preds"], out["cls_preds_normalized"] = out["cls_preds"].float(), False
             out["batch_box_preds"] = self.decode(out["box_preds"].float(), out["dir_cls_preds"])
         return {**batch_dict, **out}
+
+    def _direction_layer(self) -> list[nn.Conv2d]:
+        return [self.conv_dir_cls] if self.bins else []
 
     def decode(self, codes: Tensor, directions: Tensor | None) -> Tensor:
         """Codes (B, A, 7) and direction logits (B, A, bins) -> boxes (B, A, 7)."""
@@ -163,6 +167,12 @@ class AnchorHeadSingle(nn.Module):
         logits = batch_dict["dir_cls_preds"][sample, anchor].float()
         per_box = F.cross_entropy(logits, sector, reduction="none")
         return loc_loss, (per_box * weight * heading_weight).sum()
+
+
+def convolve_together(layers: Sequence[nn.Conv2d], x: Tensor) -> tuple[Tensor, ...]:
+    """The results of 1 x 1 convolutions of the same map (B, C, H, W), which is read once."""
+    weight, bias = (torch.cat([getattr(layer, name) for layer in layers]) for name in ("weight", "bias"))
+    return F.conv2d(x, weight, bias).split([layer.out_channels for layer in layers], 1)
 
 
 def per_anchor(x: Tensor, values: int) -> Tensor:

@@ -9,6 +9,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from pcdet_avp.models.fusion.statistics import hide
 from pcdet_avp.structures.bev_grid import BevGrid
 from pcdet_avp.structures.sensor_set import INFRA_SOURCES
 
@@ -30,12 +31,13 @@ class WarpToEgo(nn.Module):
             ego_from_infra (B, 4, 4); ego_from_sender {source: (B, 4, 4)}, optional: of single maps instead
         Returns: batch_dict with both replaced by their ego-grid counterparts; out of range is absent.
         """
-        maps, masks = dict(batch_dict["bev_maps"]), dict(batch_dict["bev_valid"])
+        maps, masks, around = dict(batch_dict["bev_maps"]), dict(batch_dict["bev_valid"]), {}
         poses = batch_dict.get("ego_from_sender", {})
-        for source in INFRA_SOURCES:
-            if source in maps:
-                pose = poses.get(source, batch_dict["ego_from_infra"])
-                maps[source], masks[source] = warp(maps[source], masks[source], pose, self.grid)
+        for source in [s for s in INFRA_SOURCES if s in maps]:
+            pose = poses.get(source, batch_dict["ego_from_infra"])
+            if id(pose) not in around:  # both maps mostly share one
+                around[id(pose)] = neighbours(pose, self.grid)
+            maps[source], masks[source] = resample(maps[source], masks[source], *around[id(pose)])
         return {**batch_dict, "bev_maps": maps, "bev_valid": masks}
 
 
@@ -45,16 +47,17 @@ def warp(X: Tensor, mask: Tensor, ego_from_infra: Tensor, grid: BevGrid) -> tupl
     Bilinear over the present ones of the four neighbouring cells. An identity pose gives back X bit for bit,
     and the map comes back zero where it is absent.
     """
+    return resample(X, mask, *neighbours(ego_from_infra, grid))
+
+
+def resample(X: Tensor, mask: Tensor, cells: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
+    """``warp`` with the ``neighbours`` of a pose."""
     B, C, H, W = X.shape
-    col, row = infra_cells(ego_from_infra, grid)  # (B, H, W) each
-    cells, weights = _neighbours(col, row, H, W)  # (B, H * W, 4) each
-    batch_offset = torch.arange(B, device=X.device).view(B, 1, 1) * (H * W)
-    cells = (cells + batch_offset).flatten(0, 1)  # (B * H * W, 4)
-    weights = weights.flatten(0, 1) * mask.reshape(-1)[cells]
+    weights = weights * mask.reshape(-1)[cells]
     share = weights.sum(1, keepdim=True)
     present = share >= MIN_PRESENT_SHARE
     weights = torch.where(present, weights / share.clamp(min=MIN_PRESENT_SHARE), 0)
-    rows = torch.where(mask, X, 0).permute(0, 2, 3, 1).reshape(B * H * W, C)
+    rows = hide(X, mask).permute(0, 2, 3, 1).reshape(B * H * W, C)
     # One fused pass: every output row is a weighted bag of four input rows.
     warped = F.embedding_bag(cells, rows, per_sample_weights=weights.to(rows.dtype), mode="sum")
     return warped.view(B, H, W, C).permute(0, 3, 1, 2), present.view(B, 1, H, W)
@@ -76,14 +79,22 @@ def infra_cells(ego_from_infra: Tensor, grid: BevGrid) -> tuple[Tensor, Tensor]:
     return cos * x + sin * y + shift[:, :1] - 0.5, cos * y - sin * x + shift[:, 1:] - 0.5
 
 
-def _neighbours(col: Tensor, row: Tensor, H: int, W: int) -> tuple[Tensor, Tensor]:
-    """Flat indices and bilinear weights (B, H * W, 4) of the four cells around; weight 0 outside the grid."""
-    left, low = col.floor(), row.floor()
-    cells, weights = [], []
-    for r in (low, low + 1):
-        for c in (left, left + 1):
-            inside = (c >= 0) & (c < W) & (r >= 0) & (r < H)
-            weight = (1 - (col - c).abs()) * (1 - (row - r).abs())
-            cells.append(torch.where(inside, r * W + c, 0).long().flatten(1))
-            weights.append(torch.where(inside, weight, 0).flatten(1))
-    return torch.stack(cells, -1), torch.stack(weights, -1)
+def neighbours(ego_from_infra: Tensor, grid: BevGrid) -> tuple[Tensor, Tensor]:
+    """The four infra cells around every ego cell, (B * H * W, 4) each: rows of a table of all cells of the batch, and
+    bilinear weights, float64, 0 outside the grid."""
+    B, H, W = len(ego_from_infra), grid.height, grid.width
+    (cols, x_weights), (rows, y_weights) = (
+        _along_axis(place, size) for place, size in zip(infra_cells(ego_from_infra, grid), (W, H), strict=True)
+    )
+    first = torch.arange(B, device=rows.device).view(B, 1, 1, 1, 1) * (H * W)
+    cells = first + rows[..., :, None] * W + cols[..., None, :]  # (B, H, W, 2, 2)
+    weights = y_weights[..., :, None] * x_weights[..., None, :]
+    return cells.view(-1, 4), weights.view(-1, 4)
+
+
+def _along_axis(place: Tensor, size: int) -> tuple[Tensor, Tensor]:
+    """The two cells around a place on an axis and their weights, (..., 2) each; outside, cell 0 with weight 0."""
+    lower = place.floor()
+    cells, share = torch.stack([lower, lower + 1], -1), place - lower
+    inside = (cells >= 0) & (cells < size)
+    return torch.where(inside, cells, 0).long(), torch.where(inside, torch.stack([1 - share, share], -1), 0)

@@ -13,6 +13,7 @@ from torch.nn import functional as F
 
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.models.backbones_3d.vfe.image.resnet import DEPTHS, IMAGENET_MEAN, IMAGENET_STD, ResNet
+from pcdet_avp.models.memory_layout import for_convolutions
 from pcdet_avp.models.norm import drop_foreign_norms, make_norm
 
 STRIDE = 4  # image pixels per side of a feature pixel
@@ -40,7 +41,7 @@ class ImageBackbone(nn.Module):
 
     def forward(self, images: Tensor) -> Tensor:
         images = (images - self.mean) / self.std
-        return self.neck(self.resnet(images.contiguous(memory_format=torch.channels_last)))
+        return self.neck(self.resnet(for_convolutions(images)))
 
 
 class FeaturePyramid(nn.Module):
