@@ -27,12 +27,12 @@ import torch
 
 from pcdet_avp.closed_loop import driving_network, network_perceiver, onboard, roadside_unit
 from pcdet_avp.closed_loop.downlink import Downlink
-from pcdet_avp.closed_loop.freed_memory import keep_freed_memory
 from pcdet_avp.closed_loop.link_options import LINKS, LinkOptions
 from pcdet_avp.closed_loop.network_perceiver import NetworkPerceiver
 from pcdet_avp.closed_loop.policy import BUMPER_X_M
 from pcdet_avp.config import load_config
 from pcdet_avp.engine.evaluate import parse_combos
+from pcdet_avp.freed_memory import keep_freed_memory
 from pcdet_avp.models.compression.map_packets import MapPacker
 from pcdet_avp.models.detectors.avp_cp import AvpCp
 from pcdet_avp.models.detectors.post_processing import PostProcessing

@@ -10,6 +10,7 @@ import dask
 from distributed import Client, LocalCluster, as_completed
 
 from pcdet_avp.errors import ConfigError
+from pcdet_avp.freed_memory import ENVIRONMENT
 
 # A task may be tried again on another worker this often before its loss counts as an error.
 LOST_WORKERS_ALLOWED = 3
@@ -82,6 +83,7 @@ def _client(workers: int, scheduler: str | None) -> Iterator[Client]:
         "distributed.scheduler.allowed-failures": LOST_WORKERS_ALLOWED,
         "distributed.worker.memory.terminate": False,
         "distributed.comm.timeouts.connect": CONNECT_TIMEOUT_S,
+        **{f"distributed.nanny.pre-spawn-environ.{name}": value for name, value in ENVIRONMENT.items()},
     }
     with dask.config.set(settings):
         if scheduler is None:

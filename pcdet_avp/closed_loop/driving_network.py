@@ -22,6 +22,7 @@ from pcdet_avp.engine.testing import THRESHOLDS_KEY
 from pcdet_avp.errors import CheckpointError, ConfigError
 from pcdet_avp.models import build_network
 from pcdet_avp.models.checkpoint_file import read_checkpoint
+from pcdet_avp.models.precision import SLOW_BF16, emulates_bf16
 
 logger = logging.getLogger(__name__)
 
@@ -82,6 +83,8 @@ def _load(
     if sha256 is not None and hashlib.sha256(Path(ckpt).read_bytes()).hexdigest() != sha256:
         raise CheckpointError(f"{ckpt}: was written anew meanwhile; give a checkpoint that stays as it is")
     driving = untrained(cfg)
+    if amp and emulates_bf16(driving.device):
+        logger.warning(SLOW_BF16)
     load_model(driving.network, content, ckpt)
     thresholds = content.get(THRESHOLDS_KEY) or {}
     _use_thresholds(driving, thresholds, ckpt)

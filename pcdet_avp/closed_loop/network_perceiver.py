@@ -16,11 +16,11 @@ import torch
 from pcdet_avp.closed_loop import driving_network
 from pcdet_avp.closed_loop.downlink import Downlink
 from pcdet_avp.closed_loop.driving_network import DrivingNetwork
-from pcdet_avp.closed_loop.freed_memory import keep_freed_memory
 from pcdet_avp.closed_loop.link_options import LinkOptions
 from pcdet_avp.closed_loop.onboard import Maps, Onboard
 from pcdet_avp.closed_loop.perceiver import Message, Perceived, PerceiverSettings
 from pcdet_avp.closed_loop.roadside_unit import RoadsideUnit
+from pcdet_avp.freed_memory import keep_freed_memory
 from pcdet_avp.link.channel import IdealChannel
 from pcdet_avp.sim.episodes import Scenario
 from pcdet_avp.sim.rig import Rig, observe

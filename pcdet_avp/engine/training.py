@@ -28,6 +28,7 @@ from pcdet_avp.engine.trainer import Trainer
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.models import build_network
 from pcdet_avp.models.checkpoint_file import read_checkpoint
+from pcdet_avp.models.precision import SLOW_BF16, emulates_bf16
 from pcdet_avp.provenance import versions
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
 
@@ -102,6 +103,8 @@ def build_trainer(cfg: Mapping, dataset: Any, options: TrainOptions, ranks: Rank
     use_amp = options.use_amp or bool(optim_cfg.get("USE_AMP"))
     if use_amp and ranks.device.type == "cpu" and optim_cfg.get("AMP_DTYPE", "bf16") != "bf16":
         raise ConfigError("--use_amp: a CPU computes in bf16 or in full precision; set OPTIMIZATION.AMP_DTYPE to bf16")
+    if use_amp and emulates_bf16(ranks.device):
+        logger.warning(SLOW_BF16)
     trainer = Trainer(model, optim_cfg, plan, planned, ranks, use_amp)
     parameters = sum(p.numel() for p in model.parameters())
     logger.info(

@@ -12,6 +12,5 @@ def for_convolutions(x: Tensor) -> Tensor:
     Channels last, which saves a quarter of a forward pass on a CPU. The exception is training on a CPU without AVX-512:
     there oneDNN's backward pass takes two to three times as long for it (``benchmarks/openpcdet.py``).
     """
-    slow_backward = x.device.type == "cpu" and torch.backends.cpu.get_cpu_capability() == "AVX2"
-    plain = torch.is_grad_enabled() and slow_backward
+    plain = torch.is_grad_enabled() and x.device.type == "cpu" and torch.backends.cpu.get_cpu_capability() == "AVX2"
     return x.contiguous(memory_format=torch.contiguous_format if plain else torch.channels_last)

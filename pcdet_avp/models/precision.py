@@ -1,4 +1,5 @@
-"""What must not be computed in half precision although automatic mixed precision is on around it."""
+"""What must not be computed in half precision although automatic mixed precision is on around it, and where nothing
+should be."""
 
 from __future__ import annotations
 
@@ -7,6 +8,13 @@ from functools import wraps
 
 import torch
 from torch import Tensor
+
+SLOW_BF16 = "this CPU has no instructions for bf16: --use_amp makes it several times slower"
+
+
+def emulates_bf16(device: torch.device) -> bool:
+    """Whether bf16 is pieced together from other instructions there, at about ten times the cost of float32."""
+    return device.type == "cpu" and torch.backends.cpu.get_cpu_capability() == "AVX2"
 
 
 def full_precision(x: Tensor) -> Tensor:

@@ -60,6 +60,13 @@ def test_a_network_needs_a_configuration_and_weights(cfg, with_weights, flag, ck
         driving_network.load(cfg, (), ckpt if with_weights else None)
 
 
+@pytest.mark.parametrize(("cpu", "slow"), [("AVX2", True), ("AVX512", False)])
+def test_a_cpu_without_bf16_instructions_is_warned_of(ckpt, monkeypatch, caplog, cpu, slow):
+    monkeypatch.setattr(torch.backends.cpu, "get_cpu_capability", lambda: cpu)
+    driving_network.load(CFG, ("MODEL.ROADSIDE_MAP_DROPOUT", "0.0" if slow else "0.1"), ckpt, amp=True)
+    assert ("several times slower" in caplog.text) == slow
+
+
 def test_weights_of_another_configuration_are_named(ckpt):
     other = ("MODEL.BACKBONE_2D.NUM_FILTERS", "[16, 24]")
     with pytest.raises(CheckpointError, match=r"tiny.pth: made with another configuration: backbone_2d"):

@@ -71,3 +71,11 @@ def test_weights_of_the_same_norm_are_kept():
     for kind in ("group", "batch"):
         state = nn.Sequential(make_norm(kind, 8)).state_dict()
         assert drop_foreign_norms(state, nn.Sequential(make_norm(kind, 8))) == (state, [])
+
+
+def test_a_layer_behind_scale_norm_may_take_its_scale_into_the_weights():
+    norm, present = ScaleNorm(4), torch.ones(2, 1, 3, 3, dtype=torch.bool)
+    nn.init.normal_(norm.weight)
+    x, layer = torch.randn(2, 4, 3, 3), nn.Conv2d(4, 5, 1, bias=False)
+    scaled = torch.einsum("bc,oc,bchw->bohw", norm.scale(x, present), layer.weight[..., 0, 0], x)
+    torch.testing.assert_close(scaled, layer(norm(x, present)))

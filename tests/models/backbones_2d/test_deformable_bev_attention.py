@@ -129,3 +129,26 @@ def test_sizes_that_do_not_divide_are_refused():
         DeformableBevAttention(EasyDict(HEADS=3), 8)
     with pytest.raises(ConfigError, match="QUERY_STRIDE"):
         random_attention(stride=2)(torch.zeros(1, 8, 5, 4), torch.ones(1, 1, 5, 4, dtype=torch.bool))
+
+
+@pytest.mark.parametrize("stride", [1, 2])
+def test_the_block_equals_its_formula_written_with_its_own_layers(stride):
+    """Norm, attention, norm, feed-forward, each as a layer of its own, as the scales inside the weights must act."""
+    attention = random_attention(stride).double()
+    present = torch.rand(2, 1, 6, 4) < 0.7
+    x = torch.randn(2, 8, 6, 4, dtype=torch.float64) * present
+    with torch.no_grad():
+        normed = attention.norm(x, present).permute(0, 2, 3, 1)
+        values = attention.value(normed).view(2, 6, 4, 2, 4)
+        queries = normed.unflatten(1, (-1, stride)).unflatten(3, (-1, stride)).mean((2, 4))
+        offsets = attention.offsets(queries).view(*queries.shape[:3], 2, 3, 2)
+        row, column = torch.meshgrid(
+            *(torch.arange(n) * stride + (stride - 1) / 2 for n in queries.shape[1:3]), indexing="ij"
+        )
+        places = offsets + torch.stack([column, row], -1)[:, :, None, None]
+        scores = attention.scores(queries).view(*queries.shape[:3], 2, 3).softmax(-1)
+        answer = attention.output(naive_sum(values, places, scores).flatten(3)).permute(0, 3, 1, 2)
+        y = x + answer.repeat_interleave(stride, 2).repeat_interleave(stride, 3) * present
+        hidden = attention.ffn_in(attention.ffn_norm(y, present).permute(0, 2, 3, 1)).relu()
+        expected = y + attention.ffn_out(hidden).permute(0, 3, 1, 2)
+        torch.testing.assert_close(attention(x, present), expected)

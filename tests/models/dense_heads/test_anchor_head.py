@@ -157,3 +157,16 @@ def test_no_direction_classifier_means_none():
     assert head.conv_dir_cls is None
     out = head({"spatial_features_2d": torch.randn(1, 8, 16, 12)}) | {"gt_boxes": GT[:1]}
     assert head.get_loss(out)[1]["rpn_loss_dir"] == 0
+
+
+@pytest.mark.parametrize("directions", [True, False])
+def test_the_layers_together_give_what_each_gives_alone(directions):
+    head, x = make(USE_DIRECTION_CLASSIFIER=directions), torch.randn(2, 8, 16, 12)
+    out = head.train()({"spatial_features_2d": x})
+    for name, values in (("cls", 2), ("box", 7), ("dir_cls", 2)):
+        layer = getattr(head, f"conv_{name}")
+        if layer is None:
+            assert out[f"{name}_preds"] is None
+            continue
+        alone = layer(x).permute(0, 2, 3, 1).reshape(2, -1, values)
+        torch.testing.assert_close(out[f"{name}_preds"], alone)

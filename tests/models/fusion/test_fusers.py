@@ -8,7 +8,7 @@ import torch
 from pcdet_avp.errors import SensorError
 from pcdet_avp.models.fusion.channel_ada import ChannelAdaFusion, cell_shares
 from pcdet_avp.models.fusion.spatial_ada import TwoMapConv3d
-from pcdet_avp.models.fusion.statistics import descriptors, statistics
+from pcdet_avp.models.fusion.statistics import cleared, descriptors, statistics
 from pcdet_avp.registry import FUSERS
 from pcdet_avp.structures.sensor_set import SENSOR_SETS, SOURCES
 
@@ -239,3 +239,11 @@ def test_equal_maps_share_one_gradient_of_the_maximum():
     masks = [torch.ones(1, 1, 2, 2, dtype=torch.bool)] * 3
     statistics(maps, masks).X_max.sum().backward()
     assert sum(X.grad for X in maps).tolist() == torch.ones(1, 2, 2, 2).tolist()
+
+
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float32, torch.float64])
+def test_cleared_cells_are_zero_whatever_they_hold_and_the_others_keep_every_bit(dtype):
+    X, mask = torch.randn(2, 3, 4, 5).to(dtype), torch.rand(2, 1, 4, 5) < 0.5
+    X[0, 0, 0], X[1, 2, 3] = torch.nan, -torch.inf
+    assert torch.equal(cleared(X, mask).nan_to_num(7.0), torch.where(mask, X, 0).nan_to_num(7.0))
+    assert not cleared(X, mask)[~mask.expand_as(X)].signbit().any()

@@ -129,3 +129,15 @@ def test_the_stage_warps_only_roadside_maps():
     assert out["bev_maps"]["ego_lidar"] is maps["ego_lidar"]
     assert not out["bev_valid"]["infra_camera"].all()
     assert valid["infra_camera"].all()  # the input is left alone
+
+
+def test_each_map_is_warped_by_its_own_pose_or_by_the_common_one():
+    maps = {source: random_map(seed=k) for k, source in enumerate(("infra_camera", "infra_lidar"))}
+    everywhere, common, own = torch.ones(1, 1, H, W, dtype=torch.bool), pose(x=1.6, yaw=0.3), pose(y=-0.7)
+    batch = {"bev_maps": maps, "bev_valid": dict.fromkeys(maps, everywhere), "ego_from_infra": common}
+    for poses in ({}, {"infra_lidar": own}, {"infra_camera": own, "infra_lidar": common}):
+        out = WarpToEgo(GRID)({**batch, "ego_from_sender": poses})
+        for source, X in maps.items():
+            expected, present = warp(X, everywhere, poses.get(source, common), GRID)
+            assert torch.equal(out["bev_maps"][source], expected)
+            assert torch.equal(out["bev_valid"][source], present)
