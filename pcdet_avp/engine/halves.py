@@ -7,18 +7,16 @@ from collections.abc import Collection
 import torch
 from torch import nn
 
-from pcdet_avp.errors import ConfigError
 from pcdet_avp.link import LatentMap, MapStamp
-from pcdet_avp.models.compression.map_packets import MapPacker, as_latent
+from pcdet_avp.models.compression.map_packets import MapPacker, as_latent, precisions
 from pcdet_avp.structures.pose import Pose
 from pcdet_avp.structures.sensor_set import modality_of
 
 
 def latent_shape(model: nn.Module) -> tuple[int, int, int]:
     """(c, h, w) of a map on the air."""
+    precisions(model.codec, "latent_shape")
     codec, grid = next(iter(model.codec.codecs.values())), model.warp.grid
-    if not hasattr(codec, "latent_shape"):
-        raise ConfigError("MODEL.COMPRESSION sends maps as they are; there are no bytes for them")
     return codec.latent_shape(grid.height, grid.width)
 
 

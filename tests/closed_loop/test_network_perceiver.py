@@ -200,5 +200,5 @@ def test_an_error_of_the_vehicle_s_pose_moves_the_map_by_as_much():
 def test_maps_without_compression_cannot_be_sent():
     cfg = load_config(Path(__file__).parents[2] / "cfgs" / "avp" / "cp_tiny.yaml")
     cfg.MODEL.COMPRESSION.NAME = "NoCompression"
-    with pytest.raises(ConfigError, match=r"--perception model: .*no packet"):
+    with pytest.raises(ConfigError, match=r"--perception model: .*no bytes"):
         NetworkPerceiver(untrained(cfg), LinkOptions())

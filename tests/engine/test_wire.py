@@ -52,5 +52,5 @@ def test_an_empty_map_arrives_as_known_to_be_empty(codec):
 
 
 def test_uncompressed_maps_have_no_packet():
-    with pytest.raises(ConfigError, match=r"--wire: .*no packet"):
+    with pytest.raises(ConfigError, match=r"--wire: .*no bytes"):
         Wire(NoCompression({}, 32))

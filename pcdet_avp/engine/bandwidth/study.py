@@ -20,6 +20,7 @@ from pcdet_avp.engine.distributed import Ranks
 from pcdet_avp.engine.halves import latent_shape
 from pcdet_avp.engine.loader import batches
 from pcdet_avp.errors import ConfigError
+from pcdet_avp.models.compression.map_packets import precisions
 from pcdet_avp.provenance import git_commit
 from pcdet_avp.structures.sensor_set import SensorSet
 
@@ -116,7 +117,4 @@ def _key(*parts: Any) -> str:
 
 def precision_of(model: nn.Module) -> str:
     """What the network's maps were trained to travel as."""
-    found = {getattr(codec, "precision", None) for codec in model.codec.codecs.values()}
-    if None in found:
-        raise ConfigError("MODEL.COMPRESSION sends maps as they are; there are no bytes to report")
-    return found.pop()
+    return next(iter(precisions(model.codec, "bandwidth report").values()))

@@ -13,19 +13,25 @@ from pcdet_avp.link.rate_control import encode_within
 from pcdet_avp.models.compression.bev_codec import Latent
 
 
+def precisions(codec: nn.Module, asked_by: str) -> dict[str, str]:
+    """What each modality's maps travel as; ``asked_by`` names the wish for bytes where it cannot be granted."""
+    found = {modality: getattr(its_codec, "precision", None) for modality, its_codec in codec.codecs.items()}
+    if None in found.values():
+        raise ConfigError(f"{asked_by}: MODEL.COMPRESSION sends maps as they are; there are no bytes of them")
+    return found
+
+
 class MapPacker:
     """Writes latents as segments, each modality at the precision that its codec rounds to, so that nothing is lost."""
 
     def __init__(
         self, codec: nn.Module, max_segment_bytes: int, asked_by: str, budget_bytes: int | None = None
     ) -> None:
-        """``codec`` is the network's; ``asked_by`` names the wish for bytes where it cannot be granted.
+        """``codec`` is the network's, ``asked_by`` as in ``precisions``.
 
         ``budget_bytes``: what a map may take, everything counted; None: as many as it has.
         """
-        self._precisions = {name: getattr(of_modality, "precision", None) for name, of_modality in codec.codecs.items()}
-        if None in self._precisions.values():
-            raise ConfigError(f"{asked_by}: MODEL.COMPRESSION sends maps as they are; there is no packet for that")
+        self._precisions = precisions(codec, asked_by)
         self._max_segment_bytes, self._budget_bytes = max_segment_bytes, budget_bytes
 
     def pack(self, values: Tensor, stamp: MapStamp) -> list[bytes]:

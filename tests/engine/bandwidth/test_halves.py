@@ -58,5 +58,5 @@ def test_the_budget_holds_for_each_map(network, batch_of, poses):
 
 def test_a_network_without_compression_has_no_halves():
     network = SimpleNamespace(codec=NoCompression({}, 32), warp=SimpleNamespace(grid=None))
-    with pytest.raises(ConfigError, match="no bytes for them"):
+    with pytest.raises(ConfigError, match="no bytes of them"):
         latent_shape(network)

@@ -91,5 +91,5 @@ def test_maps_of_which_hardly_one_arrives_whole_have_no_age(monkeypatch):
 
 
 def test_a_network_without_compression_has_nothing_to_report():
-    with pytest.raises(ConfigError, match="there are no bytes to report"):
+    with pytest.raises(ConfigError, match=r"bandwidth report: .*no bytes"):
         precision_of(SimpleNamespace(codec=NoCompression({}, 32)))
