@@ -81,6 +81,7 @@ def _check(workers: int) -> None:
 def _client(workers: int, scheduler: str | None) -> Iterator[Client]:
     settings = {
         "distributed.scheduler.allowed-failures": LOST_WORKERS_ALLOWED,
+        "distributed.scheduler.worker-ttl": None,  # a machine that slept is no lost worker; a dead process is noticed
         "distributed.worker.memory.terminate": False,
         "distributed.comm.timeouts.connect": CONNECT_TIMEOUT_S,
         **{f"distributed.nanny.pre-spawn-environ.{name}": value for name, value in ENVIRONMENT.items()},

@@ -1,8 +1,11 @@
 """Tasks on a local cluster of two processes: they stay, they take what is added, and an error ends the rest."""
 
 import os
+import signal
+import threading
 import time
 
+import dask
 import pytest
 
 from pcdet_avp.errors import ConfigError
@@ -47,3 +50,26 @@ def test_no_job_needs_no_cluster_but_a_worker_there_must_be():
     assert list(run_tasks(print, [])) == []
     with pytest.raises(ConfigError, match="workers"):
         list(run_tasks(print, [], workers=0))
+
+
+@pytest.mark.slow
+def test_a_worker_that_slept_goes_on_with_its_job(tmp_path):
+    """As on a machine that was suspended, for longer than Dask waits for a sign of life."""
+
+    def sleep_deeply(folder):
+        (folder / str(os.getpid())).touch()
+        os.kill(os.getpid(), signal.SIGSTOP)
+        return os.getpid()
+
+    def wake():
+        while not (begun := list(tmp_path.iterdir())):
+            time.sleep(0.05)
+        time.sleep(12)
+        os.kill(int(begun[0].name), signal.SIGCONT)
+
+    waker = threading.Thread(target=wake)
+    waker.start()
+    with dask.config.set({"distributed.scheduler.worker-ttl": "1s"}):
+        [pid] = run_tasks(sleep_deeply, [tmp_path], workers=1)
+    waker.join()
+    assert [path.name for path in tmp_path.iterdir()] == [str(pid)]
