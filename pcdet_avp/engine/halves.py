@@ -15,7 +15,7 @@ from pcdet_avp.structures.sensor_set import modality_of
 
 def latent_shape(model: nn.Module) -> tuple[int, int, int]:
     """(c, h, w) of a map on the air."""
-    precisions(model.codec, "latent_shape")
+    precisions(model.codec, "a network in two places")
     codec, grid = next(iter(model.codec.codecs.values())), model.warp.grid
     return codec.latent_shape(grid.height, grid.width)
 
