@@ -1,6 +1,6 @@
 """cp_small learns eight frames by heart, from fresh weights: what a sensor sees, the network can find.
 
-On demand: about 80 minutes of one core. AP on what a combination sees exceeds 95, Car at IoU 0.7, Pedestrian
+On demand: up to 90 minutes of one core. AP on what a combination sees exceeds 95, Car at IoU 0.7, Pedestrian
 at 0.3.
 """
 
