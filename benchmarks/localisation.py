@@ -2,8 +2,9 @@
 
     python benchmarks/localisation.py --cfg cfgs/avp/cp_small.yaml --ckpt F [--combos all] [--split test]
 
-Objects are paired one to one with detections of their class above the score chosen for driving, nearest first, up to
-2 m apart. The error of the centre is split into the part along the line of sight from the vehicle and the part across.
+Objects in the benchmark's first region are paired one to one with detections of their class above the score chosen for
+driving, nearest first, up to 2 m apart. The error of the centre is split into the part along the line of sight from the
+vehicle and the part across.
 Strict AP forgives a centre that is off by up to a share of the box: along one side of length s, two equal boxes have an
 IoU of at least t while they are off by no more than s (1 - t) / (1 + t).
 Writes localisation.json, localisation.md and a plot.
@@ -30,7 +31,7 @@ from pcdet_avp.engine import checkpoint, distributed
 from pcdet_avp.engine.evaluate import detect, parse_combos
 from pcdet_avp.engine.outputs import RunFolder, open_log
 from pcdet_avp.engine.testing import THRESHOLDS_KEY, load_network
-from pcdet_avp.evaluation import Detections, GroundTruth
+from pcdet_avp.evaluation import Detections, GroundTruth, Region
 from pcdet_avp.evaluation.average_precision import STRICT_IOU
 from pcdet_avp.evaluation.benchmark_table import markdown_table
 from pcdet_avp.files import make_folder, write_json, write_text
@@ -81,12 +82,15 @@ def errors_of(truth: np.ndarray, found: np.ndarray) -> Errors:
     return Errors(distance, along, across)
 
 
-def collect(truths: Sequence[GroundTruth], detections: Sequence[Detections], name: str, min_score: float) -> Errors:
-    """The errors of one class over all frames."""
+def collect(
+    truths: Sequence[GroundTruth], detections: Sequence[Detections], region: Region, name: str, min_score: float
+) -> Errors:
+    """The errors of one class over all frames, of the objects inside the region."""
     parts = []
     for truth, found in zip(truths, detections, strict=True):
         wanted = (found.names == name) & (found.scores >= min_score)
-        parts.append(errors_of(truth.boxes[truth.names == name], found.boxes[wanted]))
+        judged = (truth.names == name) & region.contains(truth.boxes)
+        parts.append(errors_of(truth.boxes[judged], found.boxes[wanted]))
     columns = ([getattr(p, field) for p in parts] for field in ("distance_m", "along_m", "across_m"))
     return Errors(*(np.concatenate(column) for column in columns))
 
@@ -156,13 +160,14 @@ def main() -> None:
     model, content = load_network(cfg, args.ckpt, dataset, ranks, logger)
     thresholds = content.get(THRESHOLDS_KEY) or {}
     found, rows = detect(model, dataset, parse_combos(args.combos), ranks, workers=args.workers), []
+    truths, region = dataset.ground_truths(), dataset.regions()[0]
     for combo, detections in found.detections.items():
         for class_name in dataset.class_names:
             least = float(thresholds.get(class_name, 0.0))
-            rows += rows_of(combo, class_name, collect(dataset.ground_truths(), detections, class_name, least))
+            rows += rows_of(combo, class_name, collect(truths, detections, region, class_name, least))
     meta = provenance(cfg, name, seed=0, weights_hash=checkpoint.weights_hash(content["model_state"]))
     meta |= {"checkpoint": args.ckpt.name, "frames": len(dataset), "score_thresholds": dict(thresholds)}
-    title = f"Localisation, {name}, {args.ckpt.name}, {len(dataset)} frames of {args.split}"
+    title = f"Localisation, {name}, {args.ckpt.name}, {len(dataset)} frames of {args.split}, region {region.name}"
     plot(rows, name, out / "localisation.png")
     write_json(out / "localisation.json", {"meta": meta, "rows": rows})
     write_text(out / "localisation.md", table(rows, title) + "\n")
