@@ -53,4 +53,4 @@ def test_so_it_does_in_a_worker():
         return found["counted"]
 
     [counted] = run_tasks(count, [COUNT], workers=1)
-    assert counted < 100
+    assert counted < 5000  # its other threads have a few; giving memory back takes 15,000
