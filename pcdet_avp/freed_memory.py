@@ -1,8 +1,8 @@
 """Memory that a process frees and needs again a moment later.
 
 Every frame needs the same few hundred megabytes of images, points and maps. Where they go back to the system in between
-they come back page by page: eighty thousand page faults a frame and a fifth of the time in a Dask worker, whose nanny
-asks glibc to return all it can; ten thousand and a tenth in the closed loop by glibc's own rules.
+they come back page by page, and the page faults cost a tenth of the time or more: in the closed loop by glibc's own
+rules, in every Dask worker because its nanny asks glibc to return all it can.
 """
 
 from __future__ import annotations

@@ -66,8 +66,10 @@ class VehicleHalf:
     def _received(like: torch.Tensor, world_from_ego: Pose, maps: Collection[LatentMap]) -> dict:
         """``latents`` and ``ego_from_sender`` of the maps, by source, on the device of ``like``."""
         ego_from_world, by_source = world_from_ego.inverse(), {f"infra_{known.stamp.modality}": known for known in maps}
-        poses = {source: ego_from_world @ known.stamp.world_from_agent for source, known in by_source.items()}
-        return {
-            "latents": {source: as_latent(known, like.device) for source, known in by_source.items()},
-            "ego_from_sender": {source: like.new_tensor(pose.matrix)[None] for source, pose in poses.items()},
-        }
+        poses, shared = {}, {}
+        for source, known in by_source.items():
+            matrix = (ego_from_world @ known.stamp.world_from_agent).matrix
+            # A mast stands still: one tensor for all its maps lets the warp compute their geometry once.
+            poses[source] = shared.setdefault(matrix.tobytes(), like.new_tensor(matrix)[None])
+        latents = {source: as_latent(known, like.device) for source, known in by_source.items()}
+        return {"latents": latents, "ego_from_sender": poses}

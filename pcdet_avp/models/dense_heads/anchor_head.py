@@ -94,16 +94,14 @@ class AnchorHeadSingle(nn.Module):
         x = batch_dict["spatial_features_2d"]
         if tuple(x.shape[2:]) != self.map_shape:
             raise GeometryError(f"DENSE_HEAD: anchors lie on a map of {self.map_shape}, found {tuple(x.shape[2:])}")
-        scores, codes, *directions = convolve_together([self.conv_cls, self.conv_box, *self._direction_layer()], x)
+        layers = [layer for layer in (self.conv_cls, self.conv_box, self.conv_dir_cls) if layer is not None]
+        scores, codes, *directions = convolve_together(layers, x)
         out = {"cls_preds": per_anchor(scores, self.num_class), "box_preds": per_anchor(codes, 7)}
         out["dir_cls_preds"] = per_anchor(*directions, self.bins) if directions else None
         if not self.training or self.predict_when_training:
             out["batch_cls_preds"], out["cls_preds_normalized"] = out["cls_preds"].float(), False
             out["batch_box_preds"] = self.decode(out["box_preds"].float(), out["dir_cls_preds"])
         return {**batch_dict, **out}
-
-    def _direction_layer(self) -> list[nn.Conv2d]:
-        return [self.conv_dir_cls] if self.bins else []
 
     def decode(self, codes: Tensor, directions: Tensor | None) -> Tensor:
         """Codes (B, A, 7) and direction logits (B, A, bins) -> boxes (B, A, 7)."""

@@ -35,7 +35,7 @@ def hide(X: Tensor, mask: Tensor) -> Tensor:
 
 
 def cleared(X: Tensor, mask: Tensor) -> Tensor:
-    """``torch.where(mask, X, 0)`` for a mask with fewer channels than X, bit by bit: a tenth of its time on a CPU."""
+    """``torch.where(mask, X, 0)`` for a mask with fewer channels than X, bit by bit, which is faster on a CPU."""
     bits = BITS[X.element_size()]
     return torch.bitwise_and(X.view(bits), mask.to(bits).neg_()).view(X.dtype)
 
