@@ -19,8 +19,8 @@ from pcdet_avp.config import require
 from pcdet_avp.datasets.avp.manifest import MANIFEST_FILE, read_manifest
 from pcdet_avp.engine import distributed
 from pcdet_avp.engine.outputs import RunFolder, open_log
-from pcdet_avp.engine.testing import run_test, store_driving_thresholds
-from pcdet_avp.engine.training import TrainOptions, run_training
+from pcdet_avp.engine.testing.run import run_test, store_driving_thresholds
+from pcdet_avp.engine.training.run import TrainOptions, run_training
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.generate import generate
 from pcdet_avp.structures.sensor_set import SENSOR_SETS

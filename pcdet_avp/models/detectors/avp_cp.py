@@ -11,13 +11,13 @@ import torch
 from torch import Tensor, nn
 
 from pcdet_avp.errors import SensorError
-from pcdet_avp.models.checkpoint_file import read_checkpoint
 from pcdet_avp.models.compression.bev_codec import Latent
 from pcdet_avp.models.detectors.build import build_modules
 from pcdet_avp.models.detectors.map_dropout import drop_roadside_maps, drop_segments
 from pcdet_avp.models.detectors.post_processing import PostProcessing
-from pcdet_avp.models.detectors.weights import load_weights
 from pcdet_avp.models.recompute import recomputed
+from pcdet_avp.models.weights.checkpoint_file import read_checkpoint
+from pcdet_avp.models.weights.load import load_weights
 from pcdet_avp.registry import DETECTORS
 from pcdet_avp.structures.sensor_set import EGO_SOURCES, INFRA_SOURCES, SOURCES, modality_of
 
