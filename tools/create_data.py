@@ -4,7 +4,8 @@
     python tools/create_data.py --cfg cfgs/avp/cp_full.yaml --workers 8
     python tools/create_data.py --cfg cfgs/avp/cp_full.yaml --scheduler tcp://host:8786
 
-Prints what the data set holds and what its sensors can see; ``--preview K`` writes pictures of K test frames.
+Prints what the data set holds and what its sensors can see; ``--preview K`` writes
+pictures of the K frames that show best what the roadside adds.
 """
 
 from __future__ import annotations
@@ -13,7 +14,6 @@ import argparse
 import os
 from pathlib import Path
 
-import numpy as np
 from tqdm import tqdm
 
 from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
@@ -23,6 +23,7 @@ from pcdet_avp.datasets.avp.record import read_frame
 from pcdet_avp.datasets.avp.statistics import Statistics
 from pcdet_avp.generate import generate, label_frames
 from pcdet_avp.structures.bev_grid import BevGrid
+from pcdet_avp.visualization.frame_choice import telling_frames
 from pcdet_avp.visualization.preview import preview
 from pcdet_avp.visualization.video import write_picture
 
@@ -36,7 +37,8 @@ def parse_arguments() -> argparse.Namespace:
         "--workers", type=int, default=os.cpu_count() or 1, help="local processes (default: one a core)"
     )
     parser.add_argument("--scheduler", metavar="ADDRESS", help="a running Dask scheduler instead of local processes")
-    parser.add_argument("--preview", type=int, default=0, metavar="K", help="write pictures of K frames")
+    preview_help = "write pictures of the K frames that show best what the roadside adds"
+    parser.add_argument("--preview", type=int, default=0, metavar="K", help=preview_help)
     return parser.parse_args()
 
 
@@ -57,11 +59,10 @@ def main() -> None:
 
 
 def write_previews(root: Path, manifest: Manifest, grid: BevGrid, count: int) -> None:
-    """Pictures of ``count`` frames spread evenly over the data set."""
-    frame_ids = [frame_id for scene in manifest.scenes for frame_id in scene.frame_ids]
-    for index in np.linspace(0, len(frame_ids) - 1, count).round().astype(int):
-        file = root / "preview" / f"{frame_ids[index].replace('/', '_')}.png"
-        write_picture(file, preview(read_frame(root, frame_ids[index]), grid))
+    """Pictures of the ``count`` frames that show best what the roadside adds (``telling_frames``)."""
+    for chosen in telling_frames(label_frames(root, manifest) if count else (), grid, count):
+        file = root / "preview" / f"{chosen.frame_id.replace('/', '_')}.png"
+        write_picture(file, preview(read_frame(root, chosen.frame_id), grid))
         print(f"wrote {file}")
 
 

@@ -2,6 +2,7 @@
 
 python tools/demo.py --cfg cfgs/avp/cp_small.yaml --ckpt weights/cp_small.pth                       a video
 python tools/demo.py --cfg cfgs/avp/cp_small.yaml --ckpt weights/cp_small.pth --frame 0012/003      one picture
+python tools/demo.py --cfg cfgs/avp/cp_small.yaml --ckpt weights/cp_small.pth --pictures 4          four pictures
 python tools/demo.py --cfg cfgs/avp/cp_small.yaml --ckpt F --data_path CLOUD.bin     a cloud of yours, or a folder
 """
 
@@ -17,6 +18,7 @@ from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
 from pcdet_avp.config import require
 from pcdet_avp.datasets import build_dataset
 from pcdet_avp.datasets.avp.network_input import NetworkInput
+from pcdet_avp.datasets.avp.record import read_frame
 from pcdet_avp.datasets.avp.splits import SPLITS
 from pcdet_avp.engine import distributed
 from pcdet_avp.engine.outputs import RunFolder, open_log
@@ -28,6 +30,7 @@ from pcdet_avp.errors import ConfigError
 from pcdet_avp.evaluation.detections_file import write_detections
 from pcdet_avp.files import make_folder
 from pcdet_avp.models.weights.checkpoint_file import THRESHOLDS_KEY
+from pcdet_avp.visualization.frame_choice import telling_frames
 from pcdet_avp.visualization.video import write_picture, write_video
 
 
@@ -37,6 +40,12 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--data_path", type=Path, help="a point cloud (.bin, .npy: x, y, z, intensity), or a folder")
     parser.add_argument("--lidar_height_m", type=float, help="of --data_path, above the floor (default: the vehicle's)")
     parser.add_argument("--frame", metavar="ID", help="one frame (scene/frame) as a picture, instead of a video")
+    parser.add_argument(
+        "--pictures",
+        type=int,
+        metavar="K",
+        help="pictures of the K frames of the split that show best what the roadside adds, instead of a video",
+    )
     parser.add_argument("--combos", default="CL+none,CL+CL", help="sensor combinations side by side")
     parser.add_argument("--split", choices=SPLITS, default="test")
     parser.add_argument("--frames", type=int, help="how many frames the video shows (default: all of the split)")
@@ -59,17 +68,18 @@ def main() -> None:
     dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split=args.split)
     model, content = load_network(cfg, args.ckpt, dataset, ranks, logger)
 
-    def picture(index: int) -> np.ndarray:
-        return detection_picture(model, dataset, index, combos, ranks.device, content.get(THRESHOLDS_KEY))
+    def picture(index: int, tight: bool = False) -> np.ndarray:
+        return detection_picture(model, dataset, index, combos, ranks.device, content.get(THRESHOLDS_KEY), tight)
 
-    if args.frame:
-        file = out / f"{args.frame.replace('/', '_')}.png"
-        write_picture(file, picture(_index_of(args.frame, dataset)))
-    else:
-        count = min(args.frames or len(dataset), len(dataset))
-        images = (picture(i) for i in tqdm(range(count), unit="frame", desc="drawing"))
-        file = write_video(out / f"{args.split}.mp4", images, args.fps)
-    print(f"wrote {file}")
+    if args.frame or args.pictures:
+        for frame_id in [args.frame] if args.frame else _telling(dataset, args.pictures):
+            file = out / f"{frame_id.replace('/', '_')}.png"
+            write_picture(file, picture(_index_of(frame_id, dataset), tight=True))
+            print(f"wrote {file}")
+        return
+    count = min(args.frames or len(dataset), len(dataset))
+    images = (picture(i) for i in tqdm(range(count), unit="frame", desc="drawing"))
+    print(f"wrote {write_video(out / f'{args.split}.mp4', images, args.fps)}")
 
 
 def show_clouds(args: argparse.Namespace, cfg, ranks: distributed.Ranks, out: Path, logger) -> None:
@@ -87,6 +97,11 @@ def show_clouds(args: argparse.Namespace, cfg, ranks: distributed.Ranks, out: Pa
         everything.append(found)
     write_detections(out / "detections.npz", everything)
     print(f"wrote {len(files)} pictures and detections.npz to {out}")
+
+
+def _telling(dataset, count: int) -> list[str]:
+    frames = (read_frame(dataset.root_path, frame_id, sources=()) for frame_id in dataset.frame_ids)
+    return [chosen.frame_id for chosen in telling_frames(frames, dataset.prepare_config.grid, count)]
 
 
 def _index_of(frame_id: str, dataset) -> int:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import cv2
 import numpy as np
 
 from pcdet_avp.evaluation.inputs import Detections
 from pcdet_avp.structures.bev_grid import BevGrid
-from pcdet_avp.structures.boxes import transform_boxes
+from pcdet_avp.structures.boxes import bev_corners, transform_boxes
 from pcdet_avp.structures.ego import EGO_FOOTPRINT
 from pcdet_avp.structures.frame import Frame
 from pcdet_avp.visualization.draw import (
@@ -24,14 +25,17 @@ from pcdet_avp.visualization.draw import (
 
 TRUE_COLOR = (70, 190, 90)
 CLASS_COLORS: Mapping[str, tuple[int, int, int]] = {"Car": (255, 175, 50), "Pedestrian": (255, 90, 170)}
+MARGIN_M = 3.0
 OTHER_COLOR, EGO_COLOR = (120, 200, 255), (255, 255, 255)
 
 
-def comparison(frame: Frame, grid: BevGrid, results: Mapping[str, tuple[Frame, Detections]]) -> np.ndarray:
+def comparison(
+    frame: Frame, grid: BevGrid, results: Mapping[str, tuple[Frame, Detections]], tight: bool = False
+) -> np.ndarray:
     """(H, 1600, 3) uint8 RGB. ``results``: title -> the frame as the network saw it, and what it found.
 
     Above, the cameras of ``frame`` with the last detections; below, a view from above for each of the results.
-    Truth is thin and green.
+    Truth is thin and green. ``tight``: the views end across where the last boxes do; H differs from frame to frame.
     """
     *_, (title, (_, last)) = results.items()
     on_mast = transform_boxes(frame.ego_from_infra.inverse(), last.boxes)
@@ -41,9 +45,23 @@ def comparison(frame: Frame, grid: BevGrid, results: Mapping[str, tuple[Frame, D
         camera_panel(frame.ego, last.boxes, colors, f"vehicle camera, {title}", half),
         camera_panel(frame.infra, on_mast, colors, f"roadside camera, {title}", half),
     ]
+    if tight:
+        grid = _as_wide_as_boxes(grid, [frame.labels.boxes, *(found.boxes for _, found in results.values())])
     below = [bev_panel(*result, grid, name, WIDTH_PX // len(results)) for name, result in results.items()]
     above, below = np.hstack(cameras), np.hstack(below)
     return np.vstack([above, cv2.resize(below, (WIDTH_PX, below.shape[0] * WIDTH_PX // below.shape[1]))])
+
+
+def _as_wide_as_boxes(grid: BevGrid, boxes: Sequence[np.ndarray]) -> BevGrid:
+    """The rows of the grid that hold boxes (N, 7) in its range or the ego, and ``MARGIN_M`` on both sides."""
+    inside = [EGO_FOOTPRINT, *(these[grid.contains_bev(these)] for these in boxes)]
+    y = bev_corners(np.concatenate(inside))[..., 1]
+    low, high = (
+        np.floor((y.min() - MARGIN_M - grid.y_min_m) / grid.cell_m),
+        np.ceil((y.max() + MARGIN_M - grid.y_min_m) / grid.cell_m),
+    )
+    ends = grid.y_min_m + grid.cell_m * np.clip([low, high], 0, grid.height)
+    return replace(grid, y_min_m=float(ends[0]), y_max_m=float(ends[1]))
 
 
 def class_colors(names: np.ndarray) -> np.ndarray:

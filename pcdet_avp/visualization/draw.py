@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -119,3 +120,19 @@ def camera_panel(view: AgentView, boxes: np.ndarray, colors: np.ndarray, title: 
         panel = draw_boxes(image, view.camera.scaled(width, height), boxes, colors)
     put_text(panel, title, (12, 26))
     return panel
+
+
+def stacked(picture: np.ndarray, rows: Sequence[tuple[int, int]]) -> np.ndarray:
+    """The panels of a picture (H, W, 3) below one another, for narrow screens; all as wide as the narrowest.
+
+    rows: height in pixels and number of panels side by side, from above.
+    """
+    ends = np.cumsum([height for height, _ in rows])
+    panels = [
+        panel
+        for end, (height, count) in zip(ends, rows, strict=True)
+        for panel in np.split(picture[end - height : end], count, axis=1)
+    ]
+    width = min(panel.shape[1] for panel in panels)
+    sizes = [(width, round(panel.shape[0] * width / panel.shape[1])) for panel in panels]
+    return np.vstack([cv2.resize(p, size, interpolation=cv2.INTER_AREA) for p, size in zip(panels, sizes, strict=True)])

@@ -3,36 +3,50 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 
 from pcdet_avp.structures.bev_grid import BevGrid
-from pcdet_avp.structures.frame import Frame, Labels
+from pcdet_avp.structures.frame import DIFFICULTIES, Frame, Labels
 from pcdet_avp.structures.sensor_set import EGO_SOURCES, SOURCES
 
 MIN_PIXELS, MIN_POINTS = 30, 5  # as in a data set's statistics: so many, and a sensor counts as seeing an object
-EASY = 0  # difficulty of objects that the vehicle's camera sees most of
+EASY = DIFFICULTIES.index("easy")
 
 
-def telling_frames(frames: Iterable[Frame], grid: BevGrid, count: int) -> list[str]:
-    """The ids of ``count`` frames that show best what the roadside adds, the best first, at most one of a scene.
+@dataclass(frozen=True)
+class TellingFrame:
+    """hidden: pedestrians that only the roadside sees; shown: road users that the vehicle's camera sees well."""
 
-    First come those with the most pedestrians in the ego's BEV range that only the roadside sees, at most as many as
-    road users that the vehicle's camera sees well; then those with most of the latter; then the first by name.
-    Only labels are read. Fewer than ``count`` where there are not so many scenes.
+    frame_id: str
+    hidden: int
+    shown: int
+
+    @classmethod
+    def of(cls, frame: Frame, grid: BevGrid) -> TellingFrame:
+        """Counts of the objects in the ego's BEV range."""
+        labels = frame.labels.select(grid.contains_bev(frame.labels.boxes))
+        hidden = only_roadside_sees(labels) & (labels.names == "Pedestrian")
+        return cls(frame.frame_id, int(hidden.sum()), int((labels.difficulty == EASY).sum()))
+
+    @property
+    def rank(self) -> tuple[int, int, str]:
+        """Lower is better: a frame needs both, hidden pedestrians and something to see for the vehicle."""
+        return -min(self.hidden, self.shown), -self.shown, self.frame_id
+
+
+def telling_frames(frames: Iterable[Frame], grid: BevGrid, count: int) -> list[TellingFrame]:
+    """The ``count`` frames that show best what the roadside adds, the best first, at most one of a scene.
+
+    First come those with the most pedestrians that only the roadside sees, where no more of them count than road users
+    that the vehicle's camera sees well; then those with the most of the latter; then the first by name. Only labels
+    are read. Fewer than ``count`` where there are fewer scenes.
     """
-    ranked = sorted((*_rank(frame.labels, grid), frame.frame_id) for frame in frames)
-    best_of_scene: dict[str, str] = {}
-    for *_, frame_id in ranked:
-        best_of_scene.setdefault(frame_id.partition("/")[0], frame_id)
+    best_of_scene: dict[str, TellingFrame] = {}
+    for found in sorted((TellingFrame.of(frame, grid) for frame in frames), key=lambda found: found.rank):
+        best_of_scene.setdefault(found.frame_id.partition("/")[0], found)
     return list(best_of_scene.values())[:count]
-
-
-def _rank(labels: Labels, grid: BevGrid) -> tuple[int, int]:
-    labels = labels.select(grid.contains_bev(labels.boxes))
-    hidden = int((only_roadside_sees(labels) & (labels.names == "Pedestrian")).sum())
-    shown = int((labels.difficulty == EASY).sum())
-    return -min(hidden, shown), -shown
 
 
 def only_roadside_sees(labels: Labels) -> np.ndarray:

@@ -68,4 +68,4 @@ def _legend(image: np.ndarray, frame: Frame) -> None:
         (f"{name} for the vehicle camera", c.tolist()) for name, c in zip(DIFFICULTIES, DIFFICULTY_COLORS, strict=True)
     ]
     for i, (text, color) in enumerate(entries):
-        put_text(image, text, (12, 54 + 24 * i), color, 0.5)
+        put_text(image, text, (12, image.shape[0] - 16 - 24 * (len(entries) - 1 - i)), color, 0.5)

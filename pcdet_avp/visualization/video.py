@@ -12,13 +12,25 @@ import numpy as np
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.files import make_folder, write_bytes
 
-# The first that this OpenCV can write is taken: VP9 plays in browsers, the others in desktop players.
-CODECS = (("vp09", ".mp4"), ("mp4v", ".mp4"), ("MJPG", ".avi"))
+# The first that this OpenCV can write is taken: VP9 and H.264 play in browsers, the others in desktop players.
+CODECS = (("vp09", ".mp4"), ("avc1", ".mp4"), ("mp4v", ".mp4"), ("MJPG", ".avi"))
 
 
 def write_picture(file: Path, image: np.ndarray) -> None:
     """Save image (H, W, 3) uint8 RGB; the file's ending names the format."""
     write_bytes(file, cv2.imencode(file.suffix, image[..., ::-1])[1].tobytes())
+
+
+def read_picture(file: Path) -> np.ndarray:
+    """(H, W, 3) uint8 RGB; ConfigError where there is no picture."""
+    try:
+        content = np.frombuffer(file.read_bytes(), np.uint8)
+    except OSError as error:
+        raise ConfigError(f"{file}: cannot be read ({error.strerror})") from error
+    image = cv2.imdecode(content, cv2.IMREAD_COLOR) if len(content) else None
+    if image is None:
+        raise ConfigError(f"{file}: expected a picture, found {len(content)} bytes that are none")
+    return image[..., ::-1]
 
 
 def write_video(file: Path, images: Iterable[np.ndarray], fps: float) -> Path:

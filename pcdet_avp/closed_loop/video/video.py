@@ -49,7 +49,8 @@ def film_episode(
     settings: EpisodeSettings | None = None,
     every: int = 2,
 ) -> EpisodeLog:
-    """Drive an episode and write it to ``file`` (a video; ``<stem>_stills.jpg`` beside it). Returns the episode's log.
+    """Drive an episode and write it to ``file`` (a video; ``<stem>_poster.jpg`` and
+    ``<stem>_stills.jpg`` beside it). Returns the episode's log.
 
     The cameras that are shown come from ``data_cfg["SENSORS"]``. ``title`` says which perception drives. ``every``:
     2 shows every other tick. The film runs in real time.
@@ -61,6 +62,7 @@ def film_episode(
     shown = tqdm(ticks[::-every][::-1], unit="picture", desc=f"filming {file.name}")
     fps = 1 / (every * settings.tick_s)
     write_video(file, film.pictures(shown, hold=round(HOLD_S * fps)), fps)
+    write_picture(file.with_name(f"{file.stem}_poster.jpg"), film.picture(film.poster_tick()))
     stills = [film.picture(tick) for tick in _still_ticks(ticks, recording.log)]
     write_picture(file.with_name(f"{file.stem}_stills.jpg"), np.vstack(stills))
     return recording.log
@@ -72,6 +74,7 @@ class Film:
     def __init__(self, recording: Recording, rig: Rig, title: str, settings: EpisodeSettings) -> None:
         self._recording, self._rig, self._tick_s = recording, rig, settings.tick_s
         scenario = recording.scenario
+        self._alone = self._targets_alone(settings) if recording.combo.uses_infra else None
         parked = [box_at(actor, 0.0) for actor in scenario.actors if stands(actor)]
         plan = garage_plan(scenario.layout, np.array(parked).reshape(-1, 7), MAP_SCALE)
         self._painter = EpisodePainter(
@@ -83,6 +86,15 @@ class Film:
         awake = [tick for tick, seen in enumerate(self._recording.log.perceived) if seen is not None]
         first = awake[0] - round(LEAD_IN_S / self._tick_s) if awake else 0
         return range(max(first, 0), len(self._recording.log.times))
+
+    def poster_tick(self) -> int:
+        """The tick that shows best what the roadside changes: the first at which the target speeds with and without it
+        differ most. Where there is no roadside, or no difference, the last tick, which says how it ended."""
+        ticks = self.ticks()
+        if not self._recording.combo.uses_infra:
+            return ticks[-1]
+        difference = np.abs(self._alone - self._recording.log.targets)[ticks.start : ticks.stop]
+        return ticks[int(difference.argmax())] if difference.any() else ticks[-1]
 
     def pictures(self, ticks: Iterable[int], hold: int) -> Iterator[np.ndarray]:
         """One picture for each of the ticks, the last one ``hold`` times more."""
@@ -129,8 +141,7 @@ class Film:
             Curve("target speed", log.targets[part], FUSED_COLOR, steps=True),
         ]
         if recording.combo.uses_infra:
-            alone = self._targets_alone(settings)[part]
-            curves.insert(1, Curve("target speed by the car alone", alone, ALONE_COLOR, 1, steps=True))
+            curves.insert(1, Curve("target speed by the car alone", self._alone[part], ALONE_COLOR, 1, steps=True))
         top = 1.1 * recording.scenario.cruising
         return TimeStrip(*STRIP_PX, log.times[part], curves, top, "speed (m/s)")
 

@@ -32,10 +32,14 @@ def film_sweep(sweep: Sweep, finished: Finished, folder: Path) -> list[Path]:
 
 
 def telling_cases(rows: Iterable[EpisodeRow]) -> list[Case]:
-    """Of every combination the slowest crash, or where nothing crashed the fastest drive; the first of its trials."""
+    """Of every combination the slowest crash; where nothing crashed, the fastest drive, and of those first one in which
+    another combination crashed, so that both are seen in the same episode. Then the first of the trials."""
+    rows = list(rows)
+    crashed = {(row.speed, row.trial) for row in rows if row.crashed}
     best: dict[str, tuple[tuple, Case]] = {}
     for row in rows:
-        rank = (not row.crashed, row.speed if row.crashed else -row.speed, row.trial)
+        speed = row.speed if row.crashed else -row.speed
+        rank = (not row.crashed, speed, (row.speed, row.trial) not in crashed, row.trial)
         case = Case(row.scenario, row.perception, row.combo, row.speed, row.trial)
         best[row.combo] = min(best.get(row.combo, (rank, case)), (rank, case))
     return [case for _, case in best.values()]

@@ -24,10 +24,12 @@ def detection_picture(
     combos: Sequence[str],
     device: torch.device,
     min_scores: Mapping[str, float] | None = None,
+    tight: bool = False,
 ) -> np.ndarray:
     """(H, W, 3) uint8: what the network finds in a frame with each of the combinations. Leaves no trace in a run.
 
-    ``min_scores``: class -> lowest score that is shown, ``MIN_SCORE`` by default.
+    ``min_scores``: class -> lowest score that is shown, ``MIN_SCORE`` by default. ``tight``: as in
+    ``comparison``.
     """
     was_training = model.training
     devices = [device] if device.type == "cuda" else []
@@ -39,7 +41,7 @@ def detection_picture(
         combo: (dataset.read(index, SensorSet.parse(combo)), above_scores(detections, min_scores or {}))
         for combo, detections in found.items()
     }
-    return comparison(dataset.read(index, ALL_SENSORS), dataset.prepare_config.grid, results)
+    return comparison(dataset.read(index, ALL_SENSORS), dataset.prepare_config.grid, results, tight)
 
 
 def _find(model: nn.Module, dataset, index: int, combo: str, device: torch.device) -> Detections:

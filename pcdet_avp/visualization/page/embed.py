@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
-import numpy as np
 from PIL import Image
 
 from pcdet_avp.errors import ConfigError
+from pcdet_avp.visualization.video import read_picture
 
 # What browsers play, as OpenCV reads it back from a file.
 BROWSER_CODECS = {"VP90": "VP9", "VP80": "VP8", "avc1": "H.264", "h264": "H.264", "av01": "AV1"}
@@ -35,11 +35,8 @@ def data_uri(content: bytes, media_type: str) -> str:
 
 def embedded_picture(file: Path) -> Embedded:
     """A picture as WebP, or as the PNG that it is where that is smaller. ConfigError where it cannot be read."""
-    content = _read(file)
-    image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)
-    if image is None:
-        raise ConfigError(f"{file}: expected a picture, found {len(content)} bytes that are none")
-    webp = cv2.imencode(".webp", image, [cv2.IMWRITE_WEBP_QUALITY, WEBP_QUALITY])[1].tobytes()
+    image, content = read_picture(file), file.read_bytes()
+    webp = cv2.imencode(".webp", image[..., ::-1], [cv2.IMWRITE_WEBP_QUALITY, WEBP_QUALITY])[1].tobytes()
     height, width = image.shape[:2]
     if file.suffix == ".png" and len(content) <= len(webp):
         return Embedded(data_uri(content, "image/png"), width, height)
@@ -59,7 +56,7 @@ def embedded_video(file: Path) -> Embedded:
     capture = cv2.VideoCapture(str(file))
     width, height = (int(capture.get(key)) for key in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
     capture.release()
-    return Embedded(data_uri(_read(file), VIDEO_TYPES[file.suffix]), width, height)
+    return Embedded(data_uri(file.read_bytes(), VIDEO_TYPES[file.suffix]), width, height)
 
 
 def embedded_animation(file: Path) -> Embedded:
@@ -87,10 +84,3 @@ def _codec(file: Path) -> str:
     number = int(capture.get(cv2.CAP_PROP_FOURCC)) if capture.isOpened() else 0
     capture.release()
     return number.to_bytes(4, "little").decode("ascii", "replace")
-
-
-def _read(file: Path) -> bytes:
-    try:
-        return file.read_bytes()
-    except OSError as error:
-        raise ConfigError(f"{file}: cannot be read ({error.strerror})") from error

@@ -15,7 +15,7 @@ from pcdet_avp.errors import ConfigError
 from pcdet_avp.visualization.page.embed import embedded_picture
 
 HEADING = re.compile(r"h([1-6])")
-NUMBER = re.compile(r"[<>=+\-−≥\s]*\d")
+NUMBER = re.compile(r"[<>=+\-\s]*\d")
 
 
 def inline_html(text: str) -> Markup:
@@ -46,7 +46,7 @@ def report_html(file: Path, level: int) -> Markup:
     if len(root) and root[0].tag == "h1":
         root.remove(root[0])
     _shift_headings(root, level)
-    caption, name = _plain(file.stem), 0
+    caption = _plain(file.stem)
     for index, element in enumerate(list(root)):
         if element.tag == "table":
             root[index] = _scrolling(element, caption)
@@ -80,14 +80,15 @@ def _caption_of(element: Element) -> Element | None:
     """What a table after this element is about."""
     if element.tag == "p" and len(element) and element[0].tag == "strong" and not (element.text or "").strip():
         return _plain("".join(element[0].itertext()))
-    if element.tag == "p" and element.find("img") is None or HEADING.fullmatch(element.tag):
+    if (element.tag == "p" and element.find("img") is None) or HEADING.fullmatch(element.tag):
         return _plain("".join(element.itertext()))
     return None
 
 
 def _scrolling(table: Element, caption: Element, source: Element | None = None) -> Element:
     """The table with its caption in a box that scrolls sideways, also by keyboard."""
-    name = " ".join("".join(caption.itertext()).split())
+    bold = caption.find("strong")
+    name = " ".join("".join((caption if bold is None else bold).itertext()).split())
     box = Element("div", {"class": "scroll", "role": "region", "tabindex": "0", "aria-label": name})
     head = Element("caption")
     held = SubElement(head, "div")

@@ -1,0 +1,125 @@
+"""The pictures and videos of the tour's page, each with its caption."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from pcdet_avp.closed_loop.sweep.results import Results
+from pcdet_avp.config import load_config
+from pcdet_avp.datasets.avp.manifest import read_manifest
+from pcdet_avp.datasets.avp.record import read_frame
+from pcdet_avp.errors import ConfigError
+from pcdet_avp.structures.bev_grid import BevGrid
+from pcdet_avp.structures.frame import Frame
+from pcdet_avp.tour.tables import SENSORS
+from pcdet_avp.visualization.draw import WIDTH_PX, stacked
+from pcdet_avp.visualization.frame_choice import TellingFrame, telling_frames
+from pcdet_avp.visualization.page import Picture, Video
+from pcdet_avp.visualization.video import read_picture, write_picture
+
+
+@dataclass(frozen=True)
+class DataSet:
+    """The tour's data set; ``cfg_file`` describes it."""
+
+    root: Path
+    cfg_file: Path
+
+    @cached_property
+    def grid(self) -> BevGrid:
+        cfg = load_config(self.cfg_file).DATA_CONFIG
+        return BevGrid.from_range(cfg.POINT_CLOUD_RANGE, cfg.VOXEL_SIZE)
+
+    def frames(self, split: str | None = None) -> Iterator[Frame]:
+        """Poses, calibration and labels of all frames, or of those of a split."""
+        for scene in read_manifest(self.root).scenes:
+            if split in (None, scene.split):
+                yield from (read_frame(self.root, frame_id, sources=()) for frame_id in scene.frame_ids)
+
+    def telling(self, count: int, split: str | None = None) -> list[TellingFrame]:
+        return telling_frames(self.frames(split), self.grid, count)
+
+
+def preview_pictures(data: DataSet, count: int, narrow_folder: Path) -> list[Picture]:
+    """What ``create_data.py --preview`` drew: both cameras, both clouds from above."""
+    return [
+        _frame_picture(data, chosen, data.root / "preview", narrow_folder, panels=1)(
+            f"Frame {chosen.frame_id}: vehicle camera, roadside camera, and both point clouds from above with boxes.",
+            f"{_counts(chosen)} Boxes are green where the vehicle's camera sees most of a road user, amber where it "
+            "sees part of it, red where it sees next to nothing. Below, both point clouds from above: the vehicle's "
+            "in blue, the roadside's in orange.",
+        )
+        for chosen in data.telling(count)
+    ]
+
+
+def detection_pictures(data: DataSet, split: str, count: int, folder: Path, narrow_folder: Path) -> list[Picture]:
+    """What ``demo.py --pictures`` drew: detections without and with the roadside."""
+    return [
+        _frame_picture(data, chosen, folder, narrow_folder, panels=2)(
+            f"Frame {chosen.frame_id}: detections on both camera images, and from above without and with the roadside.",
+            f"{_counts(chosen)} Detected cars are amber, detected pedestrians pink, true boxes thin and green. The "
+            "views from above: first with the vehicle's camera and LiDAR alone (`CL+none`), then with the roadside's "
+            "as well (`CL+CL`).",
+        )
+        for chosen in data.telling(count, split)
+    ]
+
+
+def _counts(chosen: TellingFrame) -> str:
+    return (
+        f"**Frame {chosen.frame_id}: {chosen.hidden} pedestrians that only the roadside sees; the vehicle's camera "
+        f"sees {chosen.shown} road users well.**"
+    )
+
+
+def _frame_picture(data: DataSet, chosen: TellingFrame, folder: Path, narrow_folder: Path, panels: int):
+    """A function of alternative text and caption; writes the picture's narrow form. ``panels``: in the lower row."""
+    file = folder / f"{chosen.frame_id.replace('/', '_')}.png"
+    image = read_picture(file)
+    camera = read_frame(data.root, chosen.frame_id, sources=()).ego.camera
+    above = round(WIDTH_PX // 2 * camera.height / camera.width)
+    narrow = narrow_folder / f"{folder.name}_{file.name}"
+    write_picture(narrow, stacked(image, [(above, 2), (image.shape[0] - above, panels)]))
+    return lambda alt, caption: Picture(file, alt, caption, narrow)
+
+
+def episode_video(results: Results, scenario: str, perception: str, combo: str, folder: Path) -> Video:
+    """The video of one combination of a sweep; ConfigError where there is none."""
+    found = sorted(folder.glob(f"{scenario}_{perception}_{combo}_*_stills.jpg"))
+    files = [file for still in found for file in sorted(folder.glob(f"{still.stem.removesuffix('_stills')}.*"))]
+    if not files:
+        raise ConfigError(f"{folder}: no video of {scenario}, {perception}, {combo}")
+    speed, trial = files[0].stem.rsplit("_", 2)[1:]
+    how = _outcome(results, scenario, perception, combo, float(speed), trial)
+    vehicle, roadside = (SENSORS[part] for part in combo.split("+"))
+    who = f"{results.meta.get('config')} with the vehicle's {vehicle.replace(', ', ' and ')}"
+    who += " alone" if roadside == "none" else f" and the roadside's {roadside.replace(', ', ' and ')}"
+    poster, stills = (files[0].with_name(f"{files[0].stem}_{name}.jpg") for name in ("poster", "stills"))
+    return Video(
+        files[0],
+        f"Video: the car approaches the T-junction at {speed} m/s with {who}; {how}.",
+        f"**T-junction, episode {trial}, {speed} m/s, {who}: {how}.** {LEGEND[roadside != 'none']}",
+        poster if poster.exists() else None,
+        stills,
+    )
+
+
+LEGEND = {
+    True: "Left: both cameras. Right: the garage from above with true road users green, what is detected with the "
+    "roadside pink, and what the same vehicle would detect alone blue. Below: the car's speed, its target speed, and "
+    "the target speed that the vehicle's own detections would ask for.",
+    False: "Left: both cameras, of which the roadside's is not used. Right: the garage from above with true road users "
+    "green and detected ones pink. Below: the car's speed and its target speed.",
+}
+
+
+def _outcome(results: Results, scenario: str, perception: str, combo: str, speed: float, trial: str) -> str:
+    rows: Sequence = results.row(scenario, perception, combo)[speed].episodes
+    row = next(row for row in rows if row["trial"] == trial)
+    if row["outcome"] == "none":
+        return "no contact"
+    return f"contact with the car's {row['outcome']} at {float(row['impact_speed']):.1f} m/s"

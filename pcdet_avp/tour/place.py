@@ -1,0 +1,67 @@
+"""Where the tour's results lie, and how its commands name them."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from pcdet_avp.closed_loop.sweep.results import Results, read_results
+from pcdet_avp.tour.pictures import DataSet
+from pcdet_avp.tour.results import Benchmark, read_json
+
+ROOT = Path(__file__).resolve().parents[2]
+CFG_FILE = ROOT / "cfgs" / "avp" / "cp_small.yaml"
+SCENES, SEED = 60, 7  # another seed than that of the data the weights were trained on: other garages, other people
+SPLIT, TAG = "test", "tour"
+
+
+@dataclass(frozen=True)
+class Place:
+    """The tour's folder and its weights; what the commands left there, and the arguments that they share."""
+
+    out: Path
+    weights: Path
+
+    @property
+    def data(self) -> DataSet:
+        return DataSet(self.out / "data", CFG_FILE)
+
+    @property
+    def table_file(self) -> Path:
+        """The table that ``tools/test.py`` leaves in its own folder."""
+        return ROOT / "output" / "avp" / "cp_small" / TAG / "eval" / self.weights.stem / SPLIT / TAG / "table.md"
+
+    def benchmark(self) -> Benchmark:
+        return Benchmark.read(self.out / "benchmark.json", self.table_file)
+
+    def bandwidth(self) -> dict:
+        return read_json(self.out / "bandwidth" / "bandwidth.json")
+
+    def sweep(self, name: str) -> Results:
+        """``los`` or ``model``."""
+        return read_results(self.out / name)
+
+    @property
+    def cfg_arguments(self) -> list[str]:
+        return ["--cfg", short(CFG_FILE)]
+
+    @property
+    def network_arguments(self) -> list[str]:
+        """Network and weights."""
+        return [*self.cfg_arguments, "--ckpt", short(self.weights)]
+
+    @property
+    def data_arguments(self) -> list[str]:
+        """The tour's own data set; they end a command line."""
+        values = {"DATA_PATH": self.path("data"), "GENERATE.SCENES": SCENES, "GENERATE.SEED": SEED}
+        return ["--set", *(word for key, value in values.items() for word in (f"DATA_CONFIG.{key}", str(value)))]
+
+    def path(self, name: str) -> str:
+        """As commands name it."""
+        return short(self.out / name)
+
+
+def short(path: Path) -> str:
+    """Relative to the folder that commands run in where it lies below it: pages are shown to others."""
+    return os.path.relpath(path, ROOT) if path.is_relative_to(ROOT) else str(path)
