@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pcdet_avp.closed_loop.contact import MAX_STEP_S, Contact, first_contact
-from pcdet_avp.closed_loop.measurements import Gauges
+from pcdet_avp.closed_loop.measurements import Measurements
 from pcdet_avp.sim.actors import Actor, box_at, floor_box
 from pcdet_avp.sim.dynamics import Drive, LongitudinalState
 from pcdet_avp.sim.scenarios.scenario import Scenario
@@ -50,12 +50,12 @@ class Encounters:
                 self._world.release(number, start_s + float(moment))
                 del self._waiting[number]
 
-    def resolve(self, ride: Drive, start_s: float, gauges: Gauges) -> LongitudinalState:
+    def resolve(self, ride: Drive, start_s: float, measurements: Measurements) -> LongitudinalState:
         """Let the ego meet whom it meets during a ride that begins at ``start_s``; its state at the end or crash.
 
-        Distances and times to collision at the start are noted in ``gauges``.
+        Distances and times to collision at the start are noted in ``measurements``.
         """
-        near = self._near(ride, start_s, gauges)
+        near = self._near(ride, start_s, measurements)
         for contact, actor in contacts(ride, start_s, self._scenario.layout.lane_y, near) if near else ():
             state = state_at(ride, contact.time_s - start_s)
             self._meet(contact, actor, state.speed)
@@ -63,13 +63,13 @@ class Encounters:
                 return state
         return ride.end
 
-    def _near(self, ride: Drive, start_s: float, gauges: Gauges) -> list[Actor]:
+    def _near(self, ride: Drive, start_s: float, measurements: Measurements) -> list[Actor]:
         """Threats whom the ego may meet within the ride."""
         threats, ego = self.threats(), ego_box(ride.positions[0], self._scenario.layout.lane_y)
         motions = [actor.trajectory.at(start_s) for actor in threats]
         boxes = [floor_box(motion, actor.spec.size) for motion, actor in zip(motions, threats, strict=True)]
         velocity = [(m.speed * np.cos(m.yaw) - ride.speeds[0], m.speed * np.sin(m.yaw)) for m in motions]
-        apart = gauges.surroundings(ego, np.reshape(boxes, (-1, 7)), np.reshape(velocity, (-1, 2)))
+        apart = measurements.surroundings(ego, np.reshape(boxes, (-1, 7)), np.reshape(velocity, (-1, 2)))
         return [actor for actor, distance in zip(threats, apart, strict=True) if distance < NEAR_M]
 
     def _meet(self, contact: Contact, actor: Actor, speed: float) -> None:

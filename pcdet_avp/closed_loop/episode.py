@@ -13,7 +13,7 @@ from pcdet_avp.closed_loop.driver import Driver
 from pcdet_avp.closed_loop.encounters import Encounters
 from pcdet_avp.closed_loop.episode_log import EpisodeLog
 from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
-from pcdet_avp.closed_loop.measurements import Gauges
+from pcdet_avp.closed_loop.measurements import Measurements
 from pcdet_avp.closed_loop.perception.perceiver import Message, Perceived, Perceiver
 from pcdet_avp.sim.dynamics import LongitudinalState, drive
 from pcdet_avp.sim.scenarios.scenario import Scenario
@@ -46,7 +46,7 @@ class Episode:
         self._orders = deque([scenario.cruising] * self.settings.lag_ticks)
         rules = (scenario.cruising, scenario.junction, self.settings.hold_ticks, self.settings.from_bumper)
         self._driver, self._informed = Driver(*rules), Driver(*rules)  # by what is perceived, and by the truth
-        self._gauges = Gauges(scenario.cruising)
+        self._measurements = Measurements(scenario.cruising)
         self._encounters = Encounters(scenario, self._world)
         self._rows: list[tuple[float, ...]] = []
         self._perceived: list[Perceived | None] = []
@@ -103,9 +103,9 @@ class Episode:
         seen = self._perceiver.perceive(self._world, self._tick, self._combo)
         target = self._driver.decide(seen.boxes, seen.names, ego)
         truth = self._informed.decide(transform_boxes(ego.inverse(), users.boxes), users.names, ego)
-        self._gauges.decision(target, truth)
-        self._gauges.notice(seen, self._encounters.threats(), ego, self.time_s)
-        self._gauges.misses(seen.missed, self._driver, ego)
+        self._measurements.decision(target, truth)
+        self._measurements.notice(seen, self._encounters.threats(), ego, self.time_s)
+        self._measurements.misses(seen.missed, self._driver, ego)
         self._messages.append(seen.messages)
         return seen, target
 
@@ -116,8 +116,8 @@ class Episode:
         ride = drive(start, order, self.settings.tick_s, self.settings.dynamics)
         self._rows.append((self.time_s, start.position, start.speed, start.acceleration, order))
         self._encounters.release(ride, self.time_s)
-        self._gauges.ride(ride)
-        self.state = self._encounters.resolve(ride, self.time_s, self._gauges) if self._near else ride.end
+        self._measurements.ride(ride)
+        self.state = self._encounters.resolve(ride, self.time_s, self._measurements) if self._near else ride.end
         if not self.crashed:
             self._world.advance_to((self._tick + 1) * self.settings.tick_s)
             self._world.set_ego(self.state.position, self.scenario.layout.lane_y, 0.0)
@@ -143,5 +143,5 @@ class Episode:
             impact_speed=self._encounters.impact_speed,
             duration_s=end_s,
             mean_speed=(self.state.position - self.scenario.ego_start_x) / end_s,
-            **self._gauges.figures(met),
+            **self._measurements.figures(met),
         )

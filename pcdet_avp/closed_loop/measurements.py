@@ -19,7 +19,7 @@ NOTICED_WITHIN_M = {"Pedestrian": 1.0, "Car": 2.0}  # a detection this near a ro
 BRAKE_TOLERANCE = 0.05  # share of v_c by which the target must lie below the truth's to count as false braking
 
 
-class Gauges:
+class Measurements:
     """Smallest distance and time to collision, hardest braking, false braking, who was noticed when, who was missed."""
 
     def __init__(self, cruising: float) -> None:
