@@ -18,7 +18,7 @@ from pcdet_avp.engine.training.trainer import StepReport, Trainer
 
 
 @dataclass
-class Keeper:
+class CheckpointSaver:
     """Writes checkpoints: one at the end of every ``epoch_interval`` epochs, and the newest state every so often."""
 
     folder: Path
@@ -58,7 +58,7 @@ def epoch_file(trainer: Trainer) -> str:
 def train(
     trainer: Trainer,
     batches: Iterable[dict],
-    keeper: Keeper,
+    saver: CheckpointSaver,
     logger: logging.Logger,
     monitor: Monitor | None = None,
     budget: TimeBudget | None = None,
@@ -73,7 +73,7 @@ def train(
                 look(trainer.iteration)
             if budget:
                 budget.add(report.combo, seconds)
-            _between_steps(trainer, keeper, logger, monitor, budget, interrupt)
+            _between_steps(trainer, saver, logger, monitor, budget, interrupt)
 
 
 def _steps(trainer: Trainer, batches: Iterable[dict], interrupt: Interrupt) -> Iterator[tuple[StepReport, float]]:
@@ -93,17 +93,17 @@ def _steps(trainer: Trainer, batches: Iterable[dict], interrupt: Interrupt) -> I
         before = now
 
 
-def _between_steps(trainer, keeper, logger, monitor, budget, interrupt) -> None:
+def _between_steps(trainer, saver, logger, monitor, budget, interrupt) -> None:
     """Whatever one rank wants, all do in the same iteration."""
     first = trainer.ranks.is_first
     wants_plan = bool(budget) and first and not trainer.finished and budget.wants_plan(trainer.elapsed_s)
-    stop, due, replan = trainer.ranks.any([interrupt.requested, first and keeper.is_due(), wants_plan])
+    stop, due, replan = trainer.ranks.any([interrupt.requested, first and saver.is_due(), wants_plan])
     if replan:
         _plan(trainer, logger, monitor, budget)
-    if keeper.closes_epoch(trainer):
-        keeper.save(trainer, epoch_file(trainer))
+    if saver.closes_epoch(trainer):
+        saver.save(trainer, epoch_file(trainer))
     elif due or stop:
-        path = keeper.save(trainer, checkpoint.LATEST)
+        path = saver.save(trainer, checkpoint.LATEST)
         logger.info(f"iteration {trainer.iteration}: saved {path.name}", extra={"quiet": not stop})
     if stop and not trainer.finished:
         raise KeyboardInterrupt

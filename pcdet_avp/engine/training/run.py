@@ -19,7 +19,7 @@ from pcdet_avp.engine.loader import batches
 from pcdet_avp.engine.outputs import RunFolder
 from pcdet_avp.engine.seed import seed_torch
 from pcdet_avp.engine.testing.pictures import detection_picture
-from pcdet_avp.engine.training.loop import Keeper, epoch_file, train
+from pcdet_avp.engine.training.loop import CheckpointSaver, epoch_file, train
 from pcdet_avp.engine.training.monitor import Monitor
 from pcdet_avp.engine.training.run_state import check_config, restore_run
 from pcdet_avp.engine.training.sampler import BatchPlan, CombinationBatchSampler
@@ -62,7 +62,7 @@ def run_training(
     dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=True, logger=logger)
     trainer = build_trainer(cfg, dataset, options, ranks, logger)
     resume(trainer, cfg, folder, options, logger)
-    keeper = Keeper(
+    saver = CheckpointSaver(
         folder.checkpoints,
         about(cfg, config_name),
         options.ckpt_save_interval,
@@ -77,7 +77,7 @@ def run_training(
     budget = TimeBudget(options.max_minutes) if options.max_minutes else None
     try:
         look = _picture_taker(cfg, trainer, monitor, options) if monitor else None
-        train(trainer, batches(dataset, sampler, ranks, options.workers), keeper, logger, monitor, budget, look)
+        train(trainer, batches(dataset, sampler, ranks, options.workers), saver, logger, monitor, budget, look)
     finally:
         if monitor:
             monitor.close()
