@@ -108,5 +108,5 @@ def _developed(radiance, shape, lighting: Lighting, rng: np.random.Generator) ->
     gain = lighting.exposure * KEY / (MID_GREY * lighting.field.floor_light)
     seed = rng.integers(0, 2**64, dtype=np.uint64)
     noise = np.float32(lighting.read_noise), np.float32(lighting.shot_noise)
-    film.develop(radiance.reshape(*shape, 3), np.float32(gain), *noise, seed, film.tone_curve(lighting.gamma), image)
+    film.expose(radiance.reshape(*shape, 3), np.float32(gain), *noise, seed, film.tone_curve(lighting.gamma), image)
     return image

@@ -155,7 +155,7 @@ def test_noise_has_the_stated_deviation():
     curve = np.round(np.arange(film.CURVE) / (film.CURVE - 1) * 255).astype(np.uint8)
     images = [np.empty(radiance.shape, np.uint8) for _ in range(2)]
     for image, noise in zip(images, (0.0, 0.05), strict=True):
-        film.develop(radiance, np.float32(1), np.float32(noise), np.float32(0.1), np.uint64(9), curve, image)
+        film.expose(radiance, np.float32(1), np.float32(noise), np.float32(0.1), np.uint64(9), curve, image)
     middle = np.s_[90:110, 130:170]
     assert images[1][middle].std() == pytest.approx(255 * np.hypot(0.05, 0.1 * np.sqrt(0.2)), rel=0.05)
     assert images[0][middle].std() == pytest.approx(255 * 0.1 * np.sqrt(0.2), rel=0.05)
