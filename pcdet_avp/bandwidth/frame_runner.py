@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from pcdet_avp.bandwidth.late_fusion import Boxes, in_roadside_range, merge
 from pcdet_avp.bandwidth.plan import Point, Transmission
-from pcdet_avp.bandwidth.transmit import Sent, segments_of, transmit, unthinned
+from pcdet_avp.bandwidth.transmit import Sent, segments_of, transmit, unsparsified
 from pcdet_avp.link.nr_v2x import BYTES_PER_SLOT, NrV2xConfig
 from pcdet_avp.models.compression import Latent
 from pcdet_avp.structures.pose import Pose
@@ -62,7 +62,7 @@ class _Frame:
         self.key = zlib.crc32(str(batch_dict["frame_id"][0]).encode())
         self.batch = self.model.encode(batch_dict)
         compressed = self.model.codec.compress(self.batch)["latents"]
-        self.thinned = {source: latent.values[0] for source, latent in compressed.items()}
+        self.sparsified = {source: latent.values[0] for source, latent in compressed.items()}
         self._received: dict[Transmission, tuple[dict[str, Latent], dict[str, Sent]]] = {}
         self._found: dict[tuple, Boxes] = {}
 
@@ -112,14 +112,14 @@ class _Frame:
     def received(self, transmission: Transmission) -> tuple[dict[str, Latent], dict[str, Sent]]:
         """What arrives of the frame's maps; whatever the loss, the same numbers decide which blocks it takes."""
         if transmission not in self._received:
-            latents = self.thinned if transmission.thinned else self.unthinned()
+            latents = self.sparsified if transmission.sparsified else self.unsparsified()
             rng = np.random.default_rng([self.runner.seed, self.key])
             self._received[transmission] = transmit(latents, transmission, self.runner.mcs, rng)
         return self._received[transmission]
 
-    def unthinned(self) -> dict[str, Tensor]:
+    def unsparsified(self) -> dict[str, Tensor]:
         codec, maps = self.model.codec, self.batch["bev_maps"]
-        return {source: unthinned(codec.codec_of(source), maps[source])[0] for source in self.thinned}
+        return {source: unsparsified(codec.codec_of(source), maps[source])[0] for source in self.sparsified}
 
     def believed_pose(self, point: Point) -> Tensor:
         """``ego_from_infra`` (1, 4, 4) of a vehicle that errs about its own place; errors of all points are alike."""
@@ -135,7 +135,7 @@ class _Frame:
         """Transport blocks of every map, by MCS."""
         rooms = {mcs: NrV2xConfig(mcs=mcs).max_segment_bytes for mcs in BYTES_PER_SLOT}
         return {
-            mcs: {s: len(segments_of(x, modality_of(s), transmission, room)) for s, x in self.thinned.items()}
+            mcs: {s: len(segments_of(x, modality_of(s), transmission, room)) for s, x in self.sparsified.items()}
             for mcs, room in rooms.items()
         }
 

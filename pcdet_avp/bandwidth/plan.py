@@ -22,7 +22,7 @@ class Transmission:
     """How a map travels. ``precision`` None: as the float32 numbers that they are, without any bytes."""
 
     precision: str | None
-    thinned: bool = True  # False: with the cells that the trained threshold would drop
+    sparsified: bool = True  # False: with the cells that the trained threshold would drop
     budget_bytes: int | None = None
     loss: float = 0.0  # of every transport block
 
@@ -68,7 +68,7 @@ def make_plan(studies: Sequence[str], precision: str, budget_bytes: int) -> list
 def _codec(precision: str) -> list[Point]:
     others = [name for name in PRECISIONS if name != precision]
     return [
-        Point("codec", "not thinned, not rounded", Transmission(None, thinned=False)),
+        Point("codec", "not thinned, not rounded", Transmission(None, sparsified=False)),
         Point("codec", "thinned, not rounded", Transmission(None)),
         *(Point("codec", f"{name}, not trained for", Transmission(name)) for name in others),
     ]
