@@ -83,8 +83,8 @@ def frustum(grid: BevGrid, size: tuple[int, int], heights: int, bins: DepthBins,
     report("volumes + grid_sample", lambda f, p, c: caddn(f, p, c, places, (h + 2, w + 2)), inputs, repeat)
 
 
-def caddn(features: Tensor, chances: Tensor, weight: Tensor, places: Tensor, size: tuple[int, int]) -> Tensor:
-    volume = (features.view(*size, 1, -1) * chances.view(*size, -1, 1)).permute(3, 2, 0, 1)[None]
+def caddn(features: Tensor, probabilities: Tensor, weight: Tensor, places: Tensor, size: tuple[int, int]) -> Tensor:
+    volume = (features.view(*size, 1, -1) * probabilities.view(*size, -1, 1)).permute(3, 2, 0, 1)[None]
     voxels = F.grid_sample(volume, places, align_corners=False)
     return F.conv2d(voxels.flatten(1, 2), weight.flatten(1)[:, :, None, None])
 

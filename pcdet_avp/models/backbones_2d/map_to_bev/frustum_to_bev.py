@@ -53,14 +53,14 @@ class FrustumToBev(nn.Module):
         """features (B, C, h, w), logits (B, D + 1, h, w), image_from_agent (B, 3, 4) in image pixels."""
         with torch.autocast(features.device.type, enabled=False):
             pixels = _padded_rows(_channels_last(features))
-            chances = _padded_rows(_channels_last(logits).softmax(-1)[..., : bins.count], slots=1)
+            probabilities = _padded_rows(_channels_last(logits).softmax(-1)[..., : bins.count], slots=1)
             weight = self.collapse.weight.view(self.num_bev_features, -1, self.heights)
             cells = self.grid.height * self.grid.width
             maps = pixels.new_zeros(len(features) * cells, self.num_bev_features)
             seen = torch.zeros(len(features) * cells, dtype=torch.bool, device=maps.device)
             for b in range(len(features)):
                 rays = self._rays(image_from_agent[b], bins, image_size, stride)
-                collapsed = frustum_collapse(pixels[b], chances[b], weight, rays, self.sampling)
+                collapsed = frustum_collapse(pixels[b], probabilities[b], weight, rays, self.sampling)
                 maps = maps.index_copy(0, rays.columns + b * cells, collapsed)
                 seen[rays.columns + b * cells] = True
             maps = maps.view(len(features), self.grid.height, self.grid.width, maps.shape[1]).permute(0, 3, 1, 2)

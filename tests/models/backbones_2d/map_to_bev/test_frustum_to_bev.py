@@ -53,19 +53,19 @@ def caddn(to_bev, features, logits, matrix, sampling="trilinear"):
     # align_corners=False: -1 and 1 are the outer borders; a feature pixel is 4 image pixels wide.
     grid = np.stack([u / STRIDE / 10 * 2 - 1, v / STRIDE / 6 * 2 - 1, k / BINS.count * 2 - 1], -1)
     grid = torch.tensor(grid, dtype=torch.float32)[None]
-    chances = logits.softmax(1)[:, : BINS.count]
+    probabilities = logits.softmax(1)[:, : BINS.count]
     if sampling == "nearest":
         at = [np.clip(np.floor(w / STRIDE), 0, n - 1).astype(int) for w, n in ((v, 6), (u, 10))]
         near = np.stack([(at[1] + 0.5) / 10 * 2 - 1, (at[0] + 0.5) / 6 * 2 - 1, grid[0, ..., 2]], -1)
         voxels = F.grid_sample(
-            features[:, :, None] * chances[:, None], torch.tensor(near).float()[None], align_corners=False
+            features[:, :, None] * probabilities[:, None], torch.tensor(near).float()[None], align_corners=False
         )
     elif sampling == "factorised":
         flat = F.grid_sample(features, grid[..., :2].view(1, -1, 1, 2), align_corners=False)
-        chance = F.grid_sample(chances[:, None], grid, align_corners=False)
+        chance = F.grid_sample(probabilities[:, None], grid, align_corners=False)
         voxels = flat.view(1, features.shape[1], *grid.shape[1:4]) * chance
     else:
-        frustum = features[:, :, None] * chances[:, None]
+        frustum = features[:, :, None] * probabilities[:, None]
         voxels = F.grid_sample(frustum, grid, align_corners=False)
     voxels = voxels * torch.tensor(seen)[None, None]
     return to_bev.collapse(voxels.flatten(1, 2)), torch.tensor(seen).any(0)[None, None]
@@ -144,8 +144,8 @@ def test_a_uniform_image_gives_every_seen_voxel_the_probability_of_its_depth():
     to_bev = head(channels=1, outputs=1)
     features, logits = torch.ones(1, 1, 6, 10), torch.randn(BINS.count + 1).view(1, -1, 1, 1).expand(1, -1, 6, 10)
     rays = trace_rays(image_from_agent(), GRID, HEIGHTS, BINS, SIZE, STRIDE)
-    chances = F.pad(logits.softmax(1)[0, : BINS.count, 0, 0], (1, 1))
-    lower, upper = chances[rays.bins], chances[rays.bins + 1]
+    probabilities = F.pad(logits.softmax(1)[0, : BINS.count, 0, 0], (1, 1))
+    lower, upper = probabilities[rays.bins], probabilities[rays.bins + 1]
     at_depth = (lower + (upper - lower) * rays.bin_shift) * rays.weights.sum(-1)
     weight = to_bev.collapse.weight.view(1, 1, HEIGHTS)
     padded = F.pad(features[0, 0], (1, 1, 1, 1)).view(-1, 1)
