@@ -48,16 +48,16 @@ class ImportReport:
         return rows
 
 
-def place(state: Mapping[str, Tensor], model: nn.Module) -> tuple[dict[str, Tensor], ImportReport]:
+def match_tensors(state: Mapping[str, Tensor], model: nn.Module) -> tuple[dict[str, Tensor], ImportReport]:
     """Our names and tensors for the host's ``state``, as far as ``model`` has room for them."""
     own, report = model.state_dict(), ImportReport()
     names = {key: targets_of(key, own) for key in state if key != "global_step"}
     renamed = {name: state[key] for key, targets in names.items() for name in targets}
     kept, foreign = drop_foreign_norms(renamed, model)
-    placed = {name: value for name, value in kept.items() if name in own and own[name].shape == value.shape}
+    matched = {name: value for name, value in kept.items() if name in own and own[name].shape == value.shape}
     for key, targets in names.items():
         known = [name for name in targets if name in own]
-        if used := [name for name in targets if name in placed]:
+        if used := [name for name in targets if name in matched]:
             report.loaded[key] = used
         elif set(targets) & set(foreign):
             report.other_norm.append(key)
@@ -65,8 +65,8 @@ def place(state: Mapping[str, Tensor], model: nn.Module) -> tuple[dict[str, Tens
             report.other_shape[key] = f"{tuple(state[key].shape)} here {tuple(own[known[0]].shape)}"
         else:
             report.unknown.append(key)
-    report.fresh = [name for name in own if name not in placed and name != "global_step"]
-    return placed, report
+    report.fresh = [name for name in own if name not in matched and name != "global_step"]
+    return matched, report
 
 
 def targets_of(key: str, own: Mapping[str, Tensor]) -> list[str]:
@@ -81,10 +81,10 @@ def load_openpcdet(
     model: nn.Module, state: Mapping[str, Tensor], path: str | os.PathLike, logger: logging.Logger
 ) -> ImportReport:
     """Copy the host's ``state`` into ``model``, log and return what was loaded; CheckpointError where nothing fits."""
-    placed, report = place(state, model)
+    matched, report = match_tensors(state, model)
     if not report.loaded:
         raise CheckpointError(f"{path}: OpenPCDet's, but none of its {len(state)} tensors fits this configuration")
-    model.load_state_dict(placed, strict=False)
+    model.load_state_dict(matched, strict=False)
     for line in report.lines():
         logger.info("%s: %s", path, line)
     if any(isinstance(module, DynamicPillars) and module.as_host is None for module in model.modules()):

@@ -11,7 +11,7 @@ from torch import nn
 from pcdet_avp.config import load_config
 from pcdet_avp.errors import CheckpointError, ConfigError
 from pcdet_avp.models import build_network
-from pcdet_avp.models.weights.openpcdet import is_openpcdet, place
+from pcdet_avp.models.weights.openpcdet import is_openpcdet, match_tensors
 
 TINY = Path(__file__).parents[3] / "cfgs" / "avp" / "cp_tiny.yaml"
 LOGGER = logging.getLogger("test")
@@ -142,21 +142,21 @@ def test_with_its_weights_our_backbone_and_head_say_what_the_hosts_say(host, che
 
 def test_every_tensor_of_the_host_is_accounted_for(host):
     state = host.state_dict()
-    _, report = place(state, network())
+    _, report = match_tensors(state, network())
     assert set(report.loaded) == set(state) - {"global_step"}
     first = "vfe.pfn_layers.0.linear.weight"
     assert report.loaded[first] == [f"encoders.ego_lidar.{first}", f"encoders.infra_lidar.{first}"]
     assert not any(name.startswith(("backbone_2d.", "dense_head.")) for name in report.fresh)
-    _, shared = place(state, network(SHARE_ENCODERS=True))
+    _, shared = match_tensors(state, network(SHARE_ENCODERS=True))
     assert shared.loaded[first] == [f"encoders.lidar.{first}"]
 
 
 def test_batch_statistics_are_not_poured_into_group_norm(host):
     """The affine parts have equal shapes, so only their kind tells them apart."""
     model = network("group", as_openpcdet=False)
-    placed, report = place(host.state_dict(), model)
-    assert "backbone_2d.blocks.0.1.weight" in placed
-    assert "backbone_2d.blocks.0.2.weight" not in placed
+    matched, report = match_tensors(host.state_dict(), model)
+    assert "backbone_2d.blocks.0.1.weight" in matched
+    assert "backbone_2d.blocks.0.2.weight" not in matched
     assert {"backbone_2d.blocks.0.2.weight", "vfe.pfn_layers.0.norm.running_mean"} <= set(report.other_norm)
     assert any("MODEL.NORM: batch would take them" in line for line in report.lines())
 
@@ -164,8 +164,8 @@ def test_batch_statistics_are_not_poured_into_group_norm(host):
 def test_a_head_for_other_classes_is_named_with_both_shapes_and_left_alone():
     model = network()
     before = model.dense_head.conv_cls.weight.clone()
-    placed, report = place(PointPillar(anchors=6, classes=3).state_dict(), model)
-    model.load_state_dict(placed, strict=False)
+    matched, report = match_tensors(PointPillar(anchors=6, classes=3).state_dict(), model)
+    model.load_state_dict(matched, strict=False)
     assert report.other_shape["dense_head.conv_cls.weight"] == "(18, 32, 1, 1) here (6, 32, 1, 1)"
     assert torch.equal(model.dense_head.conv_cls.weight, before)
     assert "backbone_2d.blocks.0.1.weight" in report.loaded
