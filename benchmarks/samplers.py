@@ -20,7 +20,7 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from pcdet_avp.models.backbones_2d.map_to_bev.frustum_collapse import SAMPLINGS, frustum_collapse
-from pcdet_avp.models.backbones_2d.map_to_bev.voxel_projection import trace_rays
+from pcdet_avp.models.backbones_2d.map_to_bev.voxel_projection import project_voxels
 from pcdet_avp.models.backbones_3d.vfe.segment_max import segment_max
 from pcdet_avp.models.backbones_image.depth_bins import DepthBins
 from pcdet_avp.structures.bev_grid import BevGrid
@@ -75,7 +75,7 @@ def frustum(grid: BevGrid, size: tuple[int, int], heights: int, bins: DepthBins,
         torch.randn(channels, channels, heights, requires_grad=True),
     )
     for sampling in SAMPLINGS:
-        rays = trace_rays(matrix, grid, heights, bins, size, STRIDE, sampling == "nearest")
+        rays = project_voxels(matrix, grid, heights, bins, size, STRIDE, sampling == "nearest")
         report(sampling, lambda *t, r=rays, s=sampling: frustum_collapse(*t, r, s), inputs, repeat)
     voxels = (heights, grid.height, grid.width)
     axes = torch.eye(4)[None, [1, 2, 0]]  # rows along u, heights along v, columns along the depth: as orderly as rays

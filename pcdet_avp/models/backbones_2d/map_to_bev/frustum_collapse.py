@@ -20,7 +20,7 @@ from pcdet_avp.models.backbones_2d.map_to_bev.pixel_bags import (
     bag_sum_with_weight_gradient,
     corner_offsets,
 )
-from pcdet_avp.models.backbones_2d.map_to_bev.voxel_projection import CameraRays
+from pcdet_avp.models.backbones_2d.map_to_bev.voxel_projection import VoxelProjection
 from pcdet_avp.models.precision import without_autocast
 
 SAMPLINGS = ("trilinear", "factorised", "nearest")
@@ -29,7 +29,7 @@ GPU_CHUNK_VOXELS = 1 << 20  # a GPU has the memory, and would wait for the many 
 
 
 def frustum_collapse(
-    features: Tensor, probabilities: Tensor, weight: Tensor, rays: CameraRays, sampling: str = "trilinear"
+    features: Tensor, probabilities: Tensor, weight: Tensor, rays: VoxelProjection, sampling: str = "trilinear"
 ) -> Tensor:
     """features (pixels, C) and probabilities (pixels, D + 2) of the padded image, weight (C_out, C, Z) -> (c, C_out).
 
@@ -74,7 +74,7 @@ class _FrustumCollapse(torch.autograd.Function):
 class _Chunk:
     """Some columns' voxels, flattened: n of them, each with four pixels, or with one."""
 
-    def __init__(self, rays: CameraRays, part: slice, sampling: str, slots: int) -> None:
+    def __init__(self, rays: VoxelProjection, part: slice, sampling: str, slots: int) -> None:
         """``slots`` is the width D + 2 of the padded distributions."""
         self.sampling = sampling
         pixels = rays.weights.shape[-1]
@@ -106,7 +106,7 @@ class _Chunk:
         flat[1:].scatter_add_(0, slots, d_upper.view(-1))
 
 
-def _chunks(rays: CameraRays) -> Iterator[slice]:
+def _chunks(rays: VoxelProjection) -> Iterator[slice]:
     columns, heights = rays.pixels.shape
     voxels = GPU_CHUNK_VOXELS if rays.pixels.is_cuda else CHUNK_VOXELS
     step = max(1, voxels // heights)

@@ -10,7 +10,7 @@ from torch.nn import functional as F
 
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.models.backbones_2d.map_to_bev.frustum_collapse import SAMPLINGS, frustum_collapse
-from pcdet_avp.models.backbones_2d.map_to_bev.voxel_projection import CameraRays, trace_rays
+from pcdet_avp.models.backbones_2d.map_to_bev.voxel_projection import VoxelProjection, project_voxels
 from pcdet_avp.models.backbones_image.depth_bins import DepthBins
 from pcdet_avp.models.norm import ScaleNorm
 from pcdet_avp.models.precision import full_precision
@@ -39,7 +39,7 @@ class FrustumToBev(nn.Module):
         self.num_bev_features = int(model_cfg.NUM_BEV_FEATURES)
         self.collapse = nn.Conv2d(in_channels * self.heights, self.num_bev_features, 1, bias=False)
         self.norm = ScaleNorm(self.num_bev_features)
-        self._remembered: dict[tuple, CameraRays] = {}
+        self._remembered: dict[tuple, VoxelProjection] = {}
 
     def forward(
         self,
@@ -67,14 +67,16 @@ class FrustumToBev(nn.Module):
             seen = seen.view(len(features), 1, self.grid.height, self.grid.width)
             return F.relu(self.norm(maps, seen)), seen
 
-    def _rays(self, image_from_agent: Tensor, bins: DepthBins, image_size: tuple[int, int], stride: int) -> CameraRays:
+    def _rays(
+        self, image_from_agent: Tensor, bins: DepthBins, image_size: tuple[int, int], stride: int
+    ) -> VoxelProjection:
         device = image_from_agent.device
         key = (image_from_agent.double().cpu().numpy().tobytes(), bins, tuple(image_size), stride, device)
         if key not in self._remembered:
             while len(self._remembered) >= REMEMBERED_CAMERAS:
                 self._remembered.pop(next(iter(self._remembered)))
             nearest = self.sampling == "nearest"
-            rays = trace_rays(image_from_agent, self.grid, self.heights, bins, image_size, stride, nearest)
+            rays = project_voxels(image_from_agent, self.grid, self.heights, bins, image_size, stride, nearest)
             self._remembered[key] = rays
         return self._remembered[key]
 

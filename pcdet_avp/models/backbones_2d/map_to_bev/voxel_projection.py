@@ -12,7 +12,7 @@ from pcdet_avp.structures.bev_grid import BevGrid
 
 
 @dataclass(frozen=True, eq=False)
-class CameraRays:
+class VoxelProjection:
     """The voxel centres over the c columns of the grid that a camera sees, Z in each column.
 
     Images are padded by one pixel of zeros on every side and distributions by one empty bin at either end, so that
@@ -27,7 +27,7 @@ class CameraRays:
     image_size: tuple[int, int]  # rows and columns of the padded feature image
 
 
-def trace_rays(
+def project_voxels(
     image_from_agent: Tensor,
     grid: BevGrid,
     heights: int,
@@ -35,7 +35,7 @@ def trace_rays(
     image_size: tuple[int, int],
     stride: int,
     nearest: bool = False,
-) -> CameraRays:
+) -> VoxelProjection:
     """Project all voxel centres with the (3, 4) matrix agent frame -> pixels.
 
     A voxel is seen if it lies inside the image of ``image_size`` (rows, columns) and inside the depth bins.
@@ -56,7 +56,7 @@ def trace_rays(
         pixels, weights = pixels + (u >= 0.5) + (v >= 0.5) * padded[1], torch.ones_like(u)[..., None]
     else:
         weights = torch.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], -1)
-    return CameraRays(columns, pixels, weights * seen[..., None], lower, shift, padded)
+    return VoxelProjection(columns, pixels, weights * seen[..., None], lower, shift, padded)
 
 
 def _split(position: Tensor, padded: int) -> tuple[Tensor, Tensor]:

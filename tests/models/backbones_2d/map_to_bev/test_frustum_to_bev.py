@@ -12,7 +12,7 @@ from pcdet_avp.errors import ConfigError
 from pcdet_avp.models.backbones_2d.map_to_bev import frustum_collapse as module
 from pcdet_avp.models.backbones_2d.map_to_bev.frustum_collapse import frustum_collapse
 from pcdet_avp.models.backbones_2d.map_to_bev.frustum_to_bev import FrustumToBev
-from pcdet_avp.models.backbones_2d.map_to_bev.voxel_projection import CameraRays, trace_rays
+from pcdet_avp.models.backbones_2d.map_to_bev.voxel_projection import VoxelProjection, project_voxels
 from pcdet_avp.models.backbones_image.depth_bins import DepthBins
 from pcdet_avp.structures.bev_grid import BevGrid
 from pcdet_avp.structures.camera import PinholeCamera
@@ -94,7 +94,7 @@ def test_equals_the_explicit_frustum_and_its_gradients(yaw, sampling):
 def test_gradients_by_finite_differences(sampling, monkeypatch):
     monkeypatch.setattr(module, "CHUNK_VOXELS", 4)  # three columns of two heights: two chunks
     generator = torch.Generator().manual_seed(0)
-    rays = CameraRays(
+    rays = VoxelProjection(
         columns=torch.arange(3),
         pixels=torch.tensor([[0, 1], [4, 5], [5, 0]], dtype=torch.int32),
         weights=torch.rand(3, 2, 4, generator=generator, dtype=torch.float64),
@@ -130,7 +130,7 @@ def test_a_pixel_of_known_depth_lands_in_the_cell_that_trigonometry_says():
 
 
 def test_a_cell_is_seen_exactly_if_the_camera_sees_a_voxel_centre_of_it():
-    rays = trace_rays(image_from_agent(), GRID, HEIGHTS, BINS, SIZE, STRIDE)
+    rays = project_voxels(image_from_agent(), GRID, HEIGHTS, BINS, SIZE, STRIDE)
     x, y = GRID.cell_centres()
     z = -0.5 + (np.arange(HEIGHTS) + 0.5) * 4.0 / HEIGHTS
     centres = np.stack(np.meshgrid(y, x, z, indexing="ij"), -1)[..., [1, 0, 2]]
@@ -143,7 +143,7 @@ def test_a_cell_is_seen_exactly_if_the_camera_sees_a_voxel_centre_of_it():
 def test_a_uniform_image_gives_every_seen_voxel_the_probability_of_its_depth():
     to_bev = head(channels=1, outputs=1)
     features, logits = torch.ones(1, 1, 6, 10), torch.randn(BINS.count + 1).view(1, -1, 1, 1).expand(1, -1, 6, 10)
-    rays = trace_rays(image_from_agent(), GRID, HEIGHTS, BINS, SIZE, STRIDE)
+    rays = project_voxels(image_from_agent(), GRID, HEIGHTS, BINS, SIZE, STRIDE)
     probabilities = F.pad(logits.softmax(1)[0, : BINS.count, 0, 0], (1, 1))
     lower, upper = probabilities[rays.bins], probabilities[rays.bins + 1]
     at_depth = (lower + (upper - lower) * rays.bin_shift) * rays.weights.sum(-1)
