@@ -49,7 +49,7 @@ def _overlap_intervals(a, b, velocity):
             first, last = _shadow_interval(
                 (b[i, 0] - a[i, 0]) * axis_x + (b[i, 1] - a[i, 1]) * axis_y,
                 velocity[i, 0] * axis_x + velocity[i, 1] * axis_y,
-                _half_shadow(a[i], heading) + _half_shadow(b[i], heading),
+                _projected_half_extent(a[i], heading) + _projected_half_extent(b[i], heading),
             )
             enter[i], leave[i] = max(enter[i], first), min(leave[i], last)
         if enter[i] > leave[i]:
@@ -58,7 +58,7 @@ def _overlap_intervals(a, b, velocity):
 
 
 @numba.njit(cache=True)
-def _half_shadow(box, heading):
+def _projected_half_extent(box, heading):
     turn = box[6] - heading
     return (box[3] * abs(np.cos(turn)) + box[4] * abs(np.sin(turn))) / 2
 
