@@ -31,7 +31,7 @@ from pcdet_avp.structures.ego import EGO_LENGTH_M, EGO_WIDTH_M
 
 WALKING_MPS = {"adult": 1.5, "child": 2.0}  # paper
 GOES_IN_M = 2.3  # how far a walker goes into the gap on the other side
-Way = tuple[tuple[float, float], ...]
+Path2d = tuple[tuple[float, float], ...]
 STEP_ASIDE_M = 0.3  # what separates a walker who has left the ego's swath from it
 
 
@@ -58,7 +58,7 @@ class Crossing:
     meet_x: float
     meet_after_m: float  # of the path
     clear_after_m: float
-    late_s: float
+    arrival_offset_s: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +97,7 @@ def crossing_episode(name: str, cfg: CrossingConfig, seed: int, trial: int, crui
 def _threat(crossing: Crossing, cruising: float) -> Threat:
     """Released when the ego's front comes within v_c times the time to walk to the lane's middle, given or taken."""
     walking_s = crossing.meet_after_m / crossing.walker.trajectory.speed
-    release_x = crossing.meet_x - cruising * (walking_s - crossing.late_s)
+    release_x = crossing.meet_x - cruising * (walking_s - crossing.arrival_offset_s)
     return Threat(crossing.walker.object_id, crossing.clear_after_m, release_x)
 
 
@@ -135,12 +135,12 @@ def _draw_crossing(rng, cfg: CrossingConfig, layout: GarageLayout, gap: np.ndarr
     points = _way_across(layout, gap, float(rng.uniform(*cfg.setback_m)), max(cfg.vans_out_m or (0.0,)))
     clear_y = layout.lane_y - np.sign(gap[1]) * (EGO_WIDTH_M / 2 + spec.box_side / 2 + STEP_ASIDE_M)
     meet_x, meet_after_m = _at_y(points, layout.lane_y)
-    late_s = float(rng.uniform(-cfg.spread_s, cfg.spread_s))
+    arrival_offset_s = float(rng.uniform(-cfg.spread_s, cfg.spread_s))
     walker = Pedestrian(object_id, spec, Waypoints(points, WALKING_MPS[kind], start_s=float("inf")))  # until released
-    return Crossing(walker, meet_x, meet_after_m, _at_y(points, clear_y)[1], late_s)
+    return Crossing(walker, meet_x, meet_after_m, _at_y(points, clear_y)[1], arrival_offset_s)
 
 
-def _way_across(layout: GarageLayout, gap: np.ndarray, setback_m: float, vans_out_m: float) -> Way:
+def _way_across(layout: GarageLayout, gap: np.ndarray, setback_m: float, vans_out_m: float) -> Path2d:
     """Straight out until past the ends of parked vehicles, over to the other side's, and straight in."""
     x, side = float(gap[0]), float(np.sign(gap[1]))
     across = layout.slot_gaps()
@@ -150,7 +150,7 @@ def _way_across(layout: GarageLayout, gap: np.ndarray, setback_m: float, vans_ou
     return (x, ends[0]), (x, edge), (there_x, -edge), (there_x, ends[1])
 
 
-def _at_y(points: Way, y: float) -> tuple[float, float]:
+def _at_y(points: Path2d, y: float) -> tuple[float, float]:
     """x where a way that never turns back in y comes to ``y``, and the distance walked until then."""
     xs, ys = np.array(points).T
     walked = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(xs), np.diff(ys)))])
