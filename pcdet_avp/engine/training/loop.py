@@ -62,15 +62,15 @@ def train(
     logger: logging.Logger,
     monitor: Monitor | None = None,
     budget: TimeBudget | None = None,
-    look: Callable[[int], None] | None = None,
+    on_step: Callable[[int], None] | None = None,
 ) -> None:
-    """Train until the schedule ends; Ctrl-C saves first. ``look(iteration)`` is called after every step of rank 0."""
+    """Train until the schedule ends; Ctrl-C saves first. ``on_step(iteration)`` is called after every step of rank 0."""
     with Interrupt(speaks=trainer.ranks.is_first) as interrupt:
         for report, seconds in _steps(trainer, batches, interrupt):
             if monitor:
                 monitor.add(report)
-            if look and trainer.ranks.is_first:
-                look(trainer.iteration)
+            if on_step and trainer.ranks.is_first:
+                on_step(trainer.iteration)
             if budget:
                 budget.add(report.combo, seconds)
             _between_steps(trainer, saver, logger, monitor, budget, interrupt)

@@ -76,8 +76,8 @@ def run_training(
     sampler = CombinationBatchSampler(trainer.plan, trainer.iteration, ranks.rank, ranks.world)
     budget = TimeBudget(options.max_minutes) if options.max_minutes else None
     try:
-        look = _picture_taker(cfg, trainer, monitor, options) if monitor else None
-        train(trainer, batches(dataset, sampler, ranks, options.workers), saver, logger, monitor, budget, look)
+        on_step = _picture_taker(cfg, trainer, monitor, options) if monitor else None
+        train(trainer, batches(dataset, sampler, ranks, options.workers), saver, logger, monitor, budget, on_step)
     finally:
         if monitor:
             monitor.close()
@@ -158,10 +158,10 @@ def _picture_taker(cfg: Mapping, trainer: Trainer, monitor: Monitor, options: Tr
     split = "val" if has_split(cfg.DATA_CONFIG, "val") else "train"
     dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split=split)
 
-    def look(iteration: int) -> None:
+    def on_step(iteration: int) -> None:
         if iteration % options.picture_interval == 0:
             index = iteration // options.picture_interval % len(dataset)
             picture = detection_picture(trainer.model, dataset, index, PICTURE_COMBOS, trainer.ranks.device)
             monitor.picture("detections", picture, iteration)
 
-    return look
+    return on_step
