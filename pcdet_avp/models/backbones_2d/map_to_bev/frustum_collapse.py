@@ -107,9 +107,9 @@ class _Chunk:
 
 
 def _chunks(rays: VoxelProjection) -> Iterator[slice]:
-    columns, heights = rays.pixels.shape
+    columns, num_heights = rays.pixels.shape
     voxels = GPU_CHUNK_VOXELS if rays.pixels.is_cuda else CHUNK_VOXELS
-    step = max(1, voxels // heights)
+    step = max(1, voxels // num_heights)
     return (slice(start, min(start + step, columns)) for start in range(0, columns, step))
 
 
@@ -119,5 +119,5 @@ def _as_matrix(weight: Tensor) -> Tensor:
 
 
 def _as_weight(matrix: Tensor, like: Tensor) -> Tensor:
-    outputs, channels, heights = like.shape
-    return matrix.view(heights, channels, outputs).permute(2, 1, 0)
+    outputs, channels, num_heights = like.shape
+    return matrix.view(num_heights, channels, outputs).permute(2, 1, 0)

@@ -32,12 +32,12 @@ class FrustumToBev(nn.Module):
 
     def __init__(self, model_cfg: Any, grid: BevGrid, in_channels: int) -> None:
         super().__init__()
-        self.grid, self.heights = grid, int(model_cfg.HEIGHTS)
+        self.grid, self.num_heights = grid, int(model_cfg.HEIGHTS)
         self.sampling = model_cfg.get("SAMPLING", "trilinear")
         if self.sampling not in SAMPLINGS:
             raise ConfigError(f"MAP_TO_BEV.SAMPLING: expected one of {', '.join(SAMPLINGS)}, found {self.sampling!r}")
         self.num_bev_features = int(model_cfg.NUM_BEV_FEATURES)
-        self.collapse = nn.Conv2d(in_channels * self.heights, self.num_bev_features, 1, bias=False)
+        self.collapse = nn.Conv2d(in_channels * self.num_heights, self.num_bev_features, 1, bias=False)
         self.norm = ScaleNorm(self.num_bev_features)
         self._remembered: dict[tuple, VoxelProjection] = {}
 
@@ -54,7 +54,7 @@ class FrustumToBev(nn.Module):
         with torch.autocast(features.device.type, enabled=False):
             pixels = _padded_rows(_channels_last(features))
             probabilities = _padded_rows(_channels_last(logits).softmax(-1)[..., : bins.count], slots=1)
-            weight = self.collapse.weight.view(self.num_bev_features, -1, self.heights)
+            weight = self.collapse.weight.view(self.num_bev_features, -1, self.num_heights)
             cells = self.grid.height * self.grid.width
             maps = pixels.new_zeros(len(features) * cells, self.num_bev_features)
             seen = torch.zeros(len(features) * cells, dtype=torch.bool, device=maps.device)
@@ -76,7 +76,7 @@ class FrustumToBev(nn.Module):
             while len(self._remembered) >= REMEMBERED_CAMERAS:
                 self._remembered.pop(next(iter(self._remembered)))
             nearest = self.sampling == "nearest"
-            rays = project_voxels(image_from_agent, self.grid, self.heights, bins, image_size, stride, nearest)
+            rays = project_voxels(image_from_agent, self.grid, self.num_heights, bins, image_size, stride, nearest)
             self._remembered[key] = rays
         return self._remembered[key]
 

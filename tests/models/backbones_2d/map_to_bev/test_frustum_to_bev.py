@@ -29,9 +29,9 @@ def image_from_agent(camera=CAMERA, yaw=0.0):
     return torch.tensor(camera.intrinsics @ turned.inverse().matrix[:3])
 
 
-def head(sampling="trilinear", channels=3, outputs=5, grid=GRID, heights=HEIGHTS):
+def head(sampling="trilinear", channels=3, outputs=5, grid=GRID, num_heights=HEIGHTS):
     torch.manual_seed(0)
-    return FrustumToBev(EasyDict(HEIGHTS=heights, SAMPLING=sampling, NUM_BEV_FEATURES=outputs), grid, channels)
+    return FrustumToBev(EasyDict(HEIGHTS=num_heights, SAMPLING=sampling, NUM_BEV_FEATURES=outputs), grid, channels)
 
 
 def random_images(batch=1, channels=3, seed=0):
@@ -112,7 +112,7 @@ def test_a_pixel_of_known_depth_lands_in_the_cell_that_trigonometry_says():
     camera = PinholeCamera.looking_ahead(40, 22, math.pi / 2, 0.0, 1.8)
     grid = BevGrid(0.0, -6.0, 1.3, 10.0, 6.0, 2.3, 0.5)  # one layer, at the camera's own height
     bins = DepthBins("UD", 16, 1.0, 9.0)  # 0.5 m each
-    to_bev = head(channels=1, outputs=1, grid=grid, heights=1)
+    to_bev = head(channels=1, outputs=1, grid=grid, num_heights=1)
     to_bev.collapse.weight.data.fill_(1.0)
     features = torch.zeros(1, 1, 6, 10)
     features[0, 0, 2, 3] = 1.0  # columns 12-15, rows 8-11 of the image
