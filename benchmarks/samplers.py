@@ -77,8 +77,8 @@ def frustum(
         torch.randn(channels, channels, num_heights, requires_grad=True),
     )
     for sampling in SAMPLINGS:
-        rays = project_voxels(matrix, grid, num_heights, bins, size, STRIDE, sampling == "nearest")
-        report(sampling, lambda *t, r=rays, s=sampling: frustum_collapse(*t, r, s), inputs, repeat)
+        projection = project_voxels(matrix, grid, num_heights, bins, size, STRIDE, sampling == "nearest")
+        report(sampling, lambda *t, r=projection, s=sampling: frustum_collapse(*t, r, s), inputs, repeat)
     voxels = (num_heights, grid.height, grid.width)
     axes = torch.eye(4)[None, [1, 2, 0]]  # rows along u, heights along v, columns along the depth: as orderly as rays
     places = F.affine_grid(axes, (1, 1, *voxels), align_corners=False)

@@ -59,15 +59,15 @@ class FrustumToBev(nn.Module):
             maps = pixels.new_zeros(len(features) * cells, self.num_bev_features)
             seen = torch.zeros(len(features) * cells, dtype=torch.bool, device=maps.device)
             for b in range(len(features)):
-                rays = self._rays(image_from_agent[b], bins, image_size, stride)
-                collapsed = frustum_collapse(pixels[b], probabilities[b], weight, rays, self.sampling)
-                maps = maps.index_copy(0, rays.columns + b * cells, collapsed)
-                seen[rays.columns + b * cells] = True
+                projection = self._projection(image_from_agent[b], bins, image_size, stride)
+                collapsed = frustum_collapse(pixels[b], probabilities[b], weight, projection, self.sampling)
+                maps = maps.index_copy(0, projection.columns + b * cells, collapsed)
+                seen[projection.columns + b * cells] = True
             maps = maps.view(len(features), self.grid.height, self.grid.width, maps.shape[1]).permute(0, 3, 1, 2)
             seen = seen.view(len(features), 1, self.grid.height, self.grid.width)
             return F.relu(self.norm(maps, seen)), seen
 
-    def _rays(
+    def _projection(
         self, image_from_agent: Tensor, bins: DepthBins, image_size: tuple[int, int], stride: int
     ) -> VoxelProjection:
         device = image_from_agent.device
@@ -76,8 +76,10 @@ class FrustumToBev(nn.Module):
             while len(self._remembered) >= REMEMBERED_CAMERAS:
                 self._remembered.pop(next(iter(self._remembered)))
             nearest = self.sampling == "nearest"
-            rays = project_voxels(image_from_agent, self.grid, self.num_heights, bins, image_size, stride, nearest)
-            self._remembered[key] = rays
+            projection = project_voxels(
+                image_from_agent, self.grid, self.num_heights, bins, image_size, stride, nearest
+            )
+            self._remembered[key] = projection
         return self._remembered[key]
 
 

@@ -94,7 +94,7 @@ def test_equals_the_explicit_frustum_and_its_gradients(yaw, sampling):
 def test_gradients_by_finite_differences(sampling, monkeypatch):
     monkeypatch.setattr(module, "CHUNK_VOXELS", 4)  # three columns of two heights: two chunks
     generator = torch.Generator().manual_seed(0)
-    rays = VoxelProjection(
+    projection = VoxelProjection(
         columns=torch.arange(3),
         pixels=torch.tensor([[0, 1], [4, 5], [5, 0]], dtype=torch.int32),
         weights=torch.rand(3, 2, 4, generator=generator, dtype=torch.float64),
@@ -104,7 +104,7 @@ def test_gradients_by_finite_differences(sampling, monkeypatch):
     )
     shapes = ((12, 2), (12, 4), (3, 2, 2))
     inputs = [torch.randn(s, generator=generator, dtype=torch.float64, requires_grad=True) for s in shapes]
-    assert torch.autograd.gradcheck(lambda *t: frustum_collapse(*t, rays, sampling), inputs)
+    assert torch.autograd.gradcheck(lambda *t: frustum_collapse(*t, projection, sampling), inputs)
 
 
 def test_a_pixel_of_known_depth_lands_in_the_cell_that_trigonometry_says():
@@ -130,29 +130,29 @@ def test_a_pixel_of_known_depth_lands_in_the_cell_that_trigonometry_says():
 
 
 def test_a_cell_is_seen_exactly_if_the_camera_sees_a_voxel_centre_of_it():
-    rays = project_voxels(image_from_agent(), GRID, HEIGHTS, BINS, SIZE, STRIDE)
+    projection = project_voxels(image_from_agent(), GRID, HEIGHTS, BINS, SIZE, STRIDE)
     x, y = GRID.cell_centres()
     z = -0.5 + (np.arange(HEIGHTS) + 0.5) * 4.0 / HEIGHTS
     centres = np.stack(np.meshgrid(y, x, z, indexing="ij"), -1)[..., [1, 0, 2]]
     depth = CAMERA.project(centres)[1]
     seen = CAMERA.sees(centres) & (depth >= 1.0) & (depth < 9.0)
-    assert rays.columns.tolist() == np.flatnonzero(seen.any(-1)).tolist()
-    assert ((rays.weights.sum(-1) > 0).numpy() == seen.reshape(-1, HEIGHTS)[rays.columns]).all()
+    assert projection.columns.tolist() == np.flatnonzero(seen.any(-1)).tolist()
+    assert ((projection.weights.sum(-1) > 0).numpy() == seen.reshape(-1, HEIGHTS)[projection.columns]).all()
 
 
 def test_a_uniform_image_gives_every_seen_voxel_the_probability_of_its_depth():
     to_bev = head(channels=1, outputs=1)
     features, logits = torch.ones(1, 1, 6, 10), torch.randn(BINS.count + 1).view(1, -1, 1, 1).expand(1, -1, 6, 10)
-    rays = project_voxels(image_from_agent(), GRID, HEIGHTS, BINS, SIZE, STRIDE)
+    projection = project_voxels(image_from_agent(), GRID, HEIGHTS, BINS, SIZE, STRIDE)
     probabilities = F.pad(logits.softmax(1)[0, : BINS.count, 0, 0], (1, 1))
-    lower, upper = probabilities[rays.bins], probabilities[rays.bins + 1]
-    at_depth = (lower + (upper - lower) * rays.bin_shift) * rays.weights.sum(-1)
+    lower, upper = probabilities[projection.bins], probabilities[projection.bins + 1]
+    at_depth = (lower + (upper - lower) * projection.bin_shift) * projection.weights.sum(-1)
     weight = to_bev.collapse.weight.view(1, 1, HEIGHTS)
     padded = F.pad(features[0, 0], (1, 1, 1, 1)).view(-1, 1)
     inside = F.pad(logits.softmax(1)[0, : BINS.count], (1, 1, 1, 1, 1, 1)).flatten(1).T.contiguous()
-    found = frustum_collapse(padded, inside, weight, rays)
-    interior = (rays.weights.sum(-1) > 0) & ((rays.pixels % 12) > 0) & ((rays.pixels % 12) < 10)
-    interior &= (rays.pixels // 12 > 0) & (rays.pixels // 12 < 6)
+    found = frustum_collapse(padded, inside, weight, projection)
+    interior = (projection.weights.sum(-1) > 0) & ((projection.pixels % 12) > 0) & ((projection.pixels % 12) < 10)
+    interior &= (projection.pixels // 12 > 0) & (projection.pixels // 12 < 6)
     keep = interior.all(1)
     assert keep.any()
     torch.testing.assert_close(found[keep], (at_depth @ weight[0, 0])[keep][:, None], atol=1e-6, rtol=1e-4)
@@ -207,8 +207,8 @@ def test_the_last_cameras_are_remembered_and_no_more():
     for yaw in np.linspace(0, 0.5, 7):
         to_bev(features, logits, image_from_agent(yaw=yaw)[None], BINS, SIZE, STRIDE)
     assert len(to_bev._remembered) == 4
-    first = to_bev._rays(image_from_agent(yaw=0.5), BINS, SIZE, STRIDE)
-    assert to_bev._rays(image_from_agent(yaw=0.5), BINS, SIZE, STRIDE) is first
+    first = to_bev._projection(image_from_agent(yaw=0.5), BINS, SIZE, STRIDE)
+    assert to_bev._projection(image_from_agent(yaw=0.5), BINS, SIZE, STRIDE) is first
 
 
 def test_an_unknown_sampling_is_refused():
