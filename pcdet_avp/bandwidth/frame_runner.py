@@ -11,7 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from pcdet_avp.bandwidth.late_fusion import Boxes, in_roadside_range, merge
-from pcdet_avp.bandwidth.plan import Point, Transmission
+from pcdet_avp.bandwidth.plan import StudyPoint, Transmission
 from pcdet_avp.bandwidth.transmit import Sent, segments_of, transmit, unsparsified
 from pcdet_avp.link.nr_v2x import BYTES_PER_SLOT, NrV2xConfig
 from pcdet_avp.models.compression import Latent
@@ -35,7 +35,9 @@ class FrameResult:
 class FrameRunner:
     """Runs frames: which points, with which combinations of sensors, on which MCS, from which seed."""
 
-    def __init__(self, model: nn.Module, points: Sequence[Point], combos: Sequence[str], mcs: int, seed: int) -> None:
+    def __init__(
+        self, model: nn.Module, points: Sequence[StudyPoint], combos: Sequence[str], mcs: int, seed: int
+    ) -> None:
         """``points`` as from ``make_plan``: the vehicle alone first, then what the network sends as trained."""
         self.model, self.points, self.mcs, self.seed = model, points, mcs, seed
         self.as_trained = points[1].transmission
@@ -66,7 +68,7 @@ class _Frame:
         self._received: dict[Transmission, tuple[dict[str, Latent], dict[str, Sent]]] = {}
         self._found: dict[tuple, Boxes] = {}
 
-    def detect(self, point: Point, sensors: SensorSet) -> Boxes:
+    def detect(self, point: StudyPoint, sensors: SensorSet) -> Boxes:
         """What the vehicle finds at a point of a study."""
         if point.objects:
             return merge(self.alone(sensors), self.roadside(self.runner.as_trained), self.post_processing)
@@ -121,7 +123,7 @@ class _Frame:
         codec, maps = self.model.codec, self.batch["bev_maps"]
         return {source: unsparsified(codec.codec_of(source), maps[source])[0] for source in self.sparsified}
 
-    def believed_pose(self, point: Point) -> Tensor:
+    def believed_pose(self, point: StudyPoint) -> Tensor:
         """``ego_from_infra`` (1, 4, 4) of a vehicle that errs about its own place; errors of all points are alike."""
         if point.position_std_m == point.yaw_std_deg == 0:
             return self.batch["ego_from_infra"]

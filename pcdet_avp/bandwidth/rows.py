@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 from pcdet_avp.bandwidth.ages import RATE_HZ
 from pcdet_avp.bandwidth.late_fusion import Boxes, message_bytes
-from pcdet_avp.bandwidth.plan import ALONE, Point
+from pcdet_avp.bandwidth.plan import ALONE, StudyPoint
 from pcdet_avp.bandwidth.study import Study
 from pcdet_avp.evaluation import Detections, GroundTruth, Region, bootstrap_gain
 from pcdet_avp.evaluation.average_precision import STRICT_IOU, ap_table, thresholds
@@ -118,7 +118,9 @@ def point_rows(study: Study, evaluator: Evaluator) -> list[dict]:
     return rows
 
 
-def _row(study: Study, evaluator: Evaluator, combo: str, point: Point, lists: Mapping[str, list[Detections]]) -> dict:
+def _row(
+    study: Study, evaluator: Evaluator, combo: str, point: StudyPoint, lists: Mapping[str, list[Detections]]
+) -> dict:
     base = held_against(study.points, point)
     gains = {
         n: None if base is None else evaluator.gain(n, lists[base], lists[point.label]) for n in evaluator.class_names
@@ -131,7 +133,7 @@ def _row(study: Study, evaluator: Evaluator, combo: str, point: Point, lists: Ma
     }
 
 
-def held_against(points: Sequence[Point], point: Point) -> str | None:
+def held_against(points: Sequence[StudyPoint], point: StudyPoint) -> str | None:
     """The label that a point is compared with: uncompressed maps where bytes vary, maps as trained for all else."""
     as_trained = points[1].label
     uncompressed = next((p.label for p in points if p.study == "codec"), None)
@@ -142,7 +144,7 @@ def held_against(points: Sequence[Point], point: Point) -> str | None:
     return uncompressed or (as_trained if point.label != as_trained else None)
 
 
-def _bytes_per_frame(study: Study, combo: str, point: Point) -> float | None:
+def _bytes_per_frame(study: Study, combo: str, point: StudyPoint) -> float | None:
     """Mean over the frames, all modalities that the combination uses together."""
     if point.objects:
         return _sizes(np.array([len(b.scores) for b in _roadsides(study)]))["mean"]
