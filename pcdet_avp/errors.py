@@ -49,4 +49,4 @@ class LinkError(AvpError):
 
 
 class PluginError(AvpError):
-    """A host framework is absent or foreign, or something else has the name that one of our classes needs there."""
+    """The other framework (OpenPCDet, MMEngine) is absent or not what was expected, or something else has the name that one of our classes needs there."""
