@@ -101,7 +101,7 @@ def main() -> None:
             scenario = draw_scenario(name, 0, trial, args.speed)
             log = run_episode(scenario, perceiver, SensorSet.parse("C+CL"))
             print(
-                f"{name:12s} episode {trial}: contact {log.outcome:5s}, mean {log.mean_speed:.1f} m/s, "
+                f"{name:12s} episode {trial}: contact {log.outcome:5s}, mean {log.mean_speed_mps:.1f} m/s, "
                 f"first detection {log.first_detection_m:.1f} m ahead, false braking {log.false_brake_share:.0%}"
             )
 

@@ -28,7 +28,7 @@ class Encounters:
         self.crashed = False
         self.contact: Contact | None = None
         self.met: int | None = None  # object id of whom the ego touched in ``contact``
-        self.impact_speed = 0.0
+        self.impact_speed_mps = 0.0
 
     def threats(self) -> list[Actor]:
         """Those who come into the ego's way and have not touched it."""
@@ -80,7 +80,7 @@ class Encounters:
             return
         self.crashed = vehicle or contact.front
         if self.crashed or self.contact is None:
-            self.contact, self.met, self.impact_speed = contact, actor.object_id, speed
+            self.contact, self.met, self.impact_speed_mps = contact, actor.object_id, speed
 
 
 def ego_box(x: float, lane_y: float) -> np.ndarray:

@@ -40,13 +40,13 @@ class Episode:
         self, scenario: Scenario, perceiver: Perceiver, combo: SensorSet, settings: EpisodeSettings | None = None
     ) -> None:
         self.scenario, self.settings = scenario, settings or EpisodeSettings()
-        self.state = LongitudinalState(scenario.ego_start_x, scenario.cruising)
+        self.state = LongitudinalState(scenario.ego_start_x, scenario.cruising_mps)
         self._perceiver, self._combo = perceiver, combo
         self._world, self._tick = scenario.world(), 0
-        self._orders = deque([scenario.cruising] * self.settings.lag_ticks)
-        rules = (scenario.cruising, scenario.junction, self.settings.hold_ticks, self.settings.from_bumper)
+        self._orders = deque([scenario.cruising_mps] * self.settings.lag_ticks)
+        rules = (scenario.cruising_mps, scenario.junction, self.settings.hold_ticks, self.settings.from_bumper)
         self._driver, self._informed = Driver(*rules), Driver(*rules)  # by what is perceived, and by the truth
-        self._measurements = Measurements(scenario.cruising)
+        self._measurements = Measurements(scenario.cruising_mps)
         self._encounters = Encounters(scenario, self._world)
         self._rows: list[tuple[float, ...]] = []
         self._perceived: list[Perceived | None] = []
@@ -84,7 +84,7 @@ class Episode:
 
     def look(self) -> tuple[Perceived | None, float]:
         """What is perceived now (None while nobody can matter), and the target speed (m/s) that the policy asks for."""
-        seen, target = self._decide() if self._awake() else (None, self.scenario.cruising)
+        seen, target = self._decide() if self._awake() else (None, self.scenario.cruising_mps)
         if self.settings.keep_perceived:
             self._perceived.append(seen)
         return seen, target
@@ -140,8 +140,8 @@ class Episode:
             targets=targets,
             perceived=tuple(self._perceived),
             messages=tuple(self._messages),
-            impact_speed=self._encounters.impact_speed,
+            impact_speed_mps=self._encounters.impact_speed_mps,
             duration_s=end_s,
-            mean_speed=(self.state.position - self.scenario.ego_start_x) / end_s,
+            mean_speed_mps=(self.state.position - self.scenario.ego_start_x) / end_s,
             **self._measurements.figures(met),
         )

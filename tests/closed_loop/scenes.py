@@ -45,14 +45,14 @@ def crossing_car(ahead: float, meet_s: float, speed: float = 5.0) -> Car:
     return Car(0, SEDAN, Route(path, speed, meet_s - 20.0 / speed))
 
 
-def scene(*actors, first=0.0, end=40.0, release=None, cruising=5.0, layout=None, clear_after_m=40.0):
+def scene(*actors, first=0.0, end=40.0, release=None, cruising_mps=5.0, layout=None, clear_after_m=40.0):
     """The first gap and the end lie so many metres ahead of the bumper at time 0; so does where actors are released."""
     release_x = None if release is None else FRONT_X + release
     return Scenario(
         name="pedestrian",
         trial=0,
         seed_key=(0, 0),
-        cruising=cruising,
+        cruising_mps=cruising_mps,
         layout=layout or hall(),
         actors=actors,
         lighting=Lighting(()),

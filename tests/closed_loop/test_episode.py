@@ -30,8 +30,8 @@ class TestOutcomes:
         log = drive(scenes.scene(scenes.crossing_walker(20.0, 4.0)), Blind())
         assert (log.outcome, log.finished, log.crash_object) == ("front", True, 0)
         assert log.crash_time_s == pytest.approx((20.0 - HALF_WALKER) / 5.0, abs=1e-6)
-        assert log.impact_speed == pytest.approx(5.0)
-        assert log.mean_speed == pytest.approx(5.0)
+        assert log.impact_speed_mps == pytest.approx(5.0)
+        assert log.mean_speed_mps == pytest.approx(5.0)
         assert (log.min_distance_m, log.first_detection_m) == (0.0, 0.0)
 
     def test_crash_side(self, scenes):
@@ -44,7 +44,7 @@ class TestOutcomes:
 
     def test_stopped_in_time(self, scenes):
         log = drive(scenes.scene(scenes.crossing_walker(20.0, 4.0)), oracle())
-        assert (log.outcome, log.crash_time_s, log.impact_speed) == ("none", None, 0.0)
+        assert (log.outcome, log.crash_time_s, log.impact_speed_mps) == ("none", None, 0.0)
         assert log.finished
         assert log.min_distance_m > 0.5
         assert log.speeds.min() < 2.6
@@ -58,7 +58,7 @@ class TestOutcomes:
 
     def test_a_walker_who_walks_into_a_standing_car_is_not_run_over(self, scenes):
         standing = scenes.walker([(-0.1, -6.0), (-0.1, 6.0)])
-        log = drive(scenes.scene(standing, cruising=0.05), Blind(), time_limit_s=8.0)
+        log = drive(scenes.scene(standing, cruising_mps=0.05), Blind(), time_limit_s=8.0)
         assert (log.outcome, log.finished) == ("none", False)
 
     @pytest.mark.parametrize(("meet_s", "outcome"), [(4.0, "front"), (5.0, "side")])
@@ -141,9 +141,9 @@ class TestGauges:
         assert log.speeds[-1] == pytest.approx(2.5, abs=0.01)
 
     def test_limits_of_the_dynamics_show_in_the_log(self, scenes):
-        log = drive(scenes.scene(scenes.crossing_walker(12.0, 2.4), cruising=10.0), oracle())
-        assert 0 < log.hardest_deceleration <= 10.5
-        assert log.hardest_jerk <= 20.0 * (1 + 1e-6)
+        log = drive(scenes.scene(scenes.crossing_walker(12.0, 2.4), cruising_mps=10.0), oracle())
+        assert 0 < log.hardest_deceleration_mps2 <= 10.5
+        assert log.hardest_jerk_mps3 <= 20.0 * (1 + 1e-6)
 
     def test_distance_of_the_first_detection(self, scenes):
         """A walker who stands in the lane 25 m ahead of the bumper is found at tick 40, after 10 m."""

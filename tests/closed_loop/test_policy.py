@@ -93,12 +93,12 @@ class TestDistances:
         assert walkers_target_speed(walkers(far, near), 6.0) == pytest.approx(3.0)
 
 
-def gap_left(cruising: float, from_bumper: bool = True) -> float:
+def gap_left(cruising_mps: float, from_bumper: bool = True) -> float:
     """Metres between the bumper and a walker who stands in the lane, after 20 s of driving with a tick of delay."""
-    state, delayed = LongitudinalState(-40.0, cruising), cruising
+    state, delayed = LongitudinalState(-40.0, cruising_mps), cruising_mps
     for _ in range(400):
         ahead = walkers((2.4 + 0.1875 - state.position, 0.0))
-        wanted = walkers_target_speed(ahead, cruising, from_bumper)
+        wanted = walkers_target_speed(ahead, cruising_mps, from_bumper)
         state, delayed = drive(state, delayed, 0.05).end, wanted
     return -state.position
 

@@ -1,4 +1,4 @@
-"""Against a real OpenPCDet: set OPENPCDET_ROOT to a checkout, then ``pytest -m slow tests/openpcdet/test_openpcdet.py``.
+"""Against a real OpenPCDet: set OPENPCDET_ROOT to a checkout, then run pytest -m slow on this file.
 
 The checkout is copied first; what it needs and this machine lacks is replaced by ``openpcdet_shims.py``.
 """

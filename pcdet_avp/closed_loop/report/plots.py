@@ -106,10 +106,10 @@ def _survival(axis: Axes, values: np.ndarray, color: str, label: str, width: flo
     axis.step(x, y, where="pre", color=color, label=label, linewidth=width)
 
 
-def law_figure(cruising: float = 1.0) -> Figure:
+def law_figure(cruising_mps: float = 1.0) -> Figure:
     """The paper's heat map of the target speed, as a share of the cruising speed, seen from above."""
     ahead, aside = np.linspace(0, 16, 321), np.linspace(-8, 8, 321)
-    speed = target_speed_law(ahead[:, None], np.abs(aside)[None], cruising)
+    speed = target_speed_law(ahead[:, None], np.abs(aside)[None], cruising_mps)
     figure = Figure(figsize=(5.2, 4.6), layout="constrained")
     axis = figure.subplots()
     image = axis.pcolormesh(aside, ahead, speed, cmap="viridis", vmin=0, vmax=1, shading="nearest")

@@ -83,7 +83,7 @@ def episode_row(case: Case, scenario: Scenario, log: EpisodeLog) -> EpisodeRow:
             "messages": len(messages),
             "message_bytes": _mean([message.bytes for message in messages]),
             "message_age_s": _mean([message.age_s for message in messages]),
-            "max_lateral_acceleration": scenario.max_lateral_acceleration,
+            "max_lateral_acceleration_mps2": scenario.max_lateral_acceleration_mps2,
         }
     )
 

@@ -118,7 +118,7 @@ class Film:
         log = self._recording.log
         if log.outcome == "none":
             return ("passed without a contact" if log.finished else "time is up"), "none"
-        return f"contact with the {log.outcome} at {log.impact_speed:.1f} m/s", log.outcome
+        return f"contact with the {log.outcome} at {log.impact_speed_mps:.1f} m/s", log.outcome
 
     def _strip(self, settings: EpisodeSettings) -> TimeStrip:
         recording, log = self._recording, self._recording.log
@@ -131,17 +131,17 @@ class Film:
         if recording.combo.uses_infra:
             alone = self._targets_alone(settings)[part]
             curves.insert(1, Curve("target speed by the car alone", alone, ALONE_COLOR, 1, steps=True))
-        top = 1.1 * recording.scenario.cruising
+        top = 1.1 * recording.scenario.cruising_mps
         return TimeStrip(*STRIP_PX, log.times[part], curves, top, "speed (m/s)")
 
     def _targets_alone(self, settings: EpisodeSettings) -> np.ndarray:
         """(T,) the target speed that the vehicle's own detections would ask for at the same places."""
         scenario, log = self._recording.scenario, self._recording.log
-        driver = Driver(scenario.cruising, scenario.junction, settings.hold_ticks, settings.from_bumper)
-        targets = [scenario.cruising] * settings.lag_ticks
+        driver = Driver(scenario.cruising_mps, scenario.junction, settings.hold_ticks, settings.from_bumper)
+        targets = [scenario.cruising_mps] * settings.lag_ticks
         for x, seen in zip(log.positions, self._recording.alone, strict=True):
             pose = Pose.from_xyz_yaw(float(x), scenario.layout.lane_y)
-            targets.append(scenario.cruising if seen is None else driver.decide(seen.boxes, seen.names, pose))
+            targets.append(scenario.cruising_mps if seen is None else driver.decide(seen.boxes, seen.names, pose))
         return np.array(targets[: len(log.times)])
 
 

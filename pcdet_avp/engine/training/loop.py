@@ -64,7 +64,7 @@ def train(
     budget: TimeBudget | None = None,
     on_step: Callable[[int], None] | None = None,
 ) -> None:
-    """Train until the schedule ends; Ctrl-C saves first. ``on_step(iteration)`` is called after every step of rank 0."""
+    """Train until the schedule ends; Ctrl-C saves first. Rank 0 calls ``on_step(iteration)`` after every step."""
     with Interrupt(speaks=trainer.ranks.is_first) as interrupt:
         for report, seconds in _steps(trainer, batches, interrupt):
             if monitor:

@@ -72,18 +72,18 @@ class CrossingPlan:
     crossings: tuple[Crossing, ...]
 
 
-def crossing_episode(name: str, cfg: CrossingConfig, seed: int, trial: int, cruising: float) -> Scenario:
+def crossing_episode(name: str, cfg: CrossingConfig, seed: int, trial: int, cruising_mps: float) -> Scenario:
     """One episode; plan and timing follow from ``seed`` and ``trial``, whatever the speed."""
     plan = draw_plan(cfg, seed, trial)
-    threats = tuple(_threat(crossing, cruising) for crossing in plan.crossings)
+    threats = tuple(_threat(crossing, cruising_mps) for crossing in plan.crossings)
     earliest = min(threat.release_x for threat in threats)
-    start_x = start_before(plan.layout, min(plan.first_gap_x - SETTLE_S * cruising, earliest), name, cruising)
+    start_x = start_before(plan.layout, min(plan.first_gap_x - SETTLE_S * cruising_mps, earliest), name, cruising_mps)
     last_x = max(x for crossing in plan.crossings for x, _ in crossing.walker.trajectory.points)
     return Scenario(
         name=name,
         trial=trial,
         seed_key=(seed, trial),
-        cruising=cruising,
+        cruising_mps=cruising_mps,
         layout=plan.layout,
         actors=(*plan.parked.values(), *(crossing.walker for crossing in plan.crossings)),
         lighting=plan.lighting,
@@ -94,10 +94,10 @@ def crossing_episode(name: str, cfg: CrossingConfig, seed: int, trial: int, crui
     )
 
 
-def _threat(crossing: Crossing, cruising: float) -> Threat:
+def _threat(crossing: Crossing, cruising_mps: float) -> Threat:
     """Released when the ego's front comes within v_c times the time to walk to the lane's middle, given or taken."""
     walking_s = crossing.meet_after_m / crossing.walker.trajectory.speed
-    release_x = crossing.meet_x - cruising * (walking_s - crossing.arrival_offset_s)
+    release_x = crossing.meet_x - cruising_mps * (walking_s - crossing.arrival_offset_s)
     return Threat(crossing.walker.object_id, crossing.clear_after_m, release_x)
 
 

@@ -49,7 +49,7 @@ class SceneConfig:
         EgoZone(0.15, (2.0, 14.0), 0.42),
         EgoZone(0.10, (44.0, 110.0), 0.1),
     )
-    ego_speed_m_s: tuple[float, float] = (1.0, 5.0)
+    ego_speed_mps: tuple[float, float] = (1.0, 5.0)
     occupancy: tuple[float, float] = (0.6, 0.92)  # share of the slots that hold a car
     gap_depth_m: float = 2.0  # people stand up to this far behind the mouth of a gap, most of them in its first half
     view_m: float = 44.8  # people and driving cars are drawn up to here before the ego
@@ -99,7 +99,7 @@ def draw_training_scene(rng: np.random.Generator, cfg: SceneConfig | None = None
 def _draw_ego(rng, cfg: SceneConfig, layout: GarageLayout, zone: EgoZone, duration: float) -> Route:
     """Straight on in the ego's lane, a little off its middle; all frames lie inside the zone, more in its far part."""
     near, far = zone.before_mast_m
-    way = min(rng.uniform(*cfg.ego_speed_m_s) * duration, 0.9 * (far - near))
+    way = min(rng.uniform(*cfg.ego_speed_mps) * duration, 0.9 * (far - near))
     x = -(near + way + (far - near - way) * rng.beta(1.5, 1.0))
     y, yaw = np.clip(rng.normal(0, 0.1), -0.25, 0.25), np.clip(rng.normal(0, 0.008), -0.02, 0.02)
     speed = way / duration if duration > 0 else 0.0

@@ -104,7 +104,9 @@ def network(norm="batch", as_openpcdet=True, **model_keys):
 
 @pytest.fixture
 def checkpoint(openpcdet, tmp_path):
-    torch.save({"model_state": openpcdet.state_dict(), "optimizer_state": None, "epoch": 80}, tmp_path / "openpcdet.pth")
+    torch.save(
+        {"model_state": openpcdet.state_dict(), "optimizer_state": None, "epoch": 80}, tmp_path / "openpcdet.pth"
+    )
     return tmp_path / "openpcdet.pth"
 
 

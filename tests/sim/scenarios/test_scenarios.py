@@ -116,7 +116,7 @@ def test_the_other_vehicle_reaches_the_ego_s_swath_when_the_ego_reaches_the_zone
 
 def test_lateral_acceleration_of_the_vehicle_on_rails():
     """v^2 / r of the tightest turn: four times as much at twice the speed, 5 to 6.5 m."""
-    slow, fast = (draw_scenario("t_junction", 0, 0, v).max_lateral_acceleration for v in (4.0, 8.0))
+    slow, fast = (draw_scenario("t_junction", 0, 0, v).max_lateral_acceleration_mps2 for v in (4.0, 8.0))
     assert fast == pytest.approx(4 * slow)
     assert 5.0 <= 16.0 / slow <= 6.5
 
