@@ -6,7 +6,8 @@ Both see one captured cloud on the grid of OpenPCDet's ``cfgs/kitti_models/point
 0.16 m) and the same boxes: forward, loss, backward. OpenPCDet's pillars (at most 16,000 of at most 32 points) are made
 before its clock runs, as its data loader makes them; ours are made inside. OpenPCDet has batch norm and KITTI's three
 classes, ours group norm and two; neither has attention. Without a GPU it runs with
-``tests/openpcdet/openpcdet_shims.py``, none of which its training step spends time in. Best of the repeats: wall clock, and processor time over all threads.
+``tests/openpcdet/openpcdet_shims.py``, none of which its training step spends time in. Best of the repeats:
+wall clock, and processor time over all threads.
 """
 
 from __future__ import annotations

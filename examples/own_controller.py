@@ -23,15 +23,15 @@ COMFORTABLE_MPS2, GAP_M, ASIDE_M = 3.0, 2.0, 3.5
 
 def braking_distance_controller(observation: dict, cruising_mps: float) -> float:
     """v* = sqrt(2 b d), d being the free way to the nearest pedestrian within 3.5 m of the lane's middle, less 2 m."""
-    walkers = (observation["mask"] == 1) & (observation["classes"] == CLASS_NAMES.index("Pedestrian"))
-    x, y = observation["boxes"][walkers, :2].T
+    pedestrians = (observation["mask"] == 1) & (observation["classes"] == CLASS_NAMES.index("Pedestrian"))
+    x, y = observation["boxes"][pedestrians, :2].T
     ahead = x[(x > EGO_LENGTH_M / 2) & (np.abs(y) < ASIDE_M)] - EGO_LENGTH_M / 2
     free = max(ahead.min(initial=np.inf) - GAP_M, 0.0)
     return min(cruising_mps, float(np.sqrt(2 * COMFORTABLE_MPS2 * free)))
 
 
 def drive(env: gymnasium.Env, trial: int, cruising_mps: float, own: bool):
-    """The log of one episode; the same ``trial`` is the same walkers for either controller."""
+    """The log of one episode; the same ``trial`` is the same pedestrians for either controller."""
     observation, info = env.reset(options={"seed": 0, "trial": trial})
     over = False
     while not over:

@@ -24,7 +24,7 @@ def test_own_controller_is_compared_with_the_papers_law():
     assert "0/1 crashes" in lines[0]  # nobody is hit at 6 m/s by who knows everything
 
 
-def test_own_perception_sees_walkers_and_the_turning_vehicle():
+def test_own_perception_sees_pedestrians_and_the_turning_vehicle():
     text = output_of("own_perception", "--episodes", "1")
     assert [float(m) > 8 for m in re.findall(r"first detection ([\d.]+) m", text)] == [True, True]
     assert text.count("contact none") == 2

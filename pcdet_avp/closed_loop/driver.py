@@ -32,5 +32,7 @@ class Driver:
 
     def target_speed(self, boxes: np.ndarray, names: np.ndarray, world_from_ego: Pose) -> float:
         """v* in m/s for boxes (N, 7) in the ego frame, without any memory; the world's frame is the map's."""
-        walkers, vehicles = boxes[names == "Pedestrian"], boxes[names == "Car"]
-        return target_speed(walkers, vehicles, self._cruising_mps, world_from_ego, self._junction, self._from_bumper)
+        pedestrians, vehicles = boxes[names == "Pedestrian"], boxes[names == "Car"]
+        return target_speed(
+            pedestrians, vehicles, self._cruising_mps, world_from_ego, self._junction, self._from_bumper
+        )

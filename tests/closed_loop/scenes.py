@@ -1,4 +1,4 @@
-"""Tiny scenes with known outcomes: an empty hall, the ego at 5 m/s, and one walker or vehicle on rails."""
+"""Tiny scenes with known outcomes: an empty hall, the ego at 5 m/s, and one pedestrian or vehicle on rails."""
 
 import numpy as np
 
@@ -23,7 +23,7 @@ def hall(*walls: Wall) -> GarageLayout:
     return GarageLayout(-100.0, 2.0, -15.0, -28.0, 7.5, (), (), walls, (), 0)
 
 
-def walker(points, speed=1.5, start_s=0.0) -> Pedestrian:
+def pedestrian(points, speed=1.5, start_s=0.0) -> Pedestrian:
     """Walks along points given as metres ahead of the bumper at time 0 and metres to the left of the lane's middle."""
     places = tuple((FRONT_X + ahead, LANE_Y + left) for ahead, left in points)
     return Pedestrian(0, ADULT, Waypoints(places, speed, start_s))
@@ -31,12 +31,12 @@ def walker(points, speed=1.5, start_s=0.0) -> Pedestrian:
 
 def bystander() -> Pedestrian:
     """Far away for ever."""
-    return walker([(60, 9), (60, 10)], start_s=1e6)
+    return pedestrian([(60, 9), (60, 10)], start_s=1e6)
 
 
-def crossing_walker(ahead: float, meet_s: float, speed: float = 1.5) -> Pedestrian:
+def crossing_pedestrian(ahead: float, meet_s: float, speed: float = 1.5) -> Pedestrian:
     """Crosses from the right and is in the middle of the lane at ``meet_s``."""
-    return walker([(ahead, -6.0), (ahead, 6.0)], speed, meet_s - 6.0 / speed)
+    return pedestrian([(ahead, -6.0), (ahead, 6.0)], speed, meet_s - 6.0 / speed)
 
 
 def crossing_car(ahead: float, meet_s: float, speed: float = 5.0) -> Car:
@@ -80,6 +80,6 @@ class Scripted:
         return Perceived(boxes, np.full(len(boxes), "Pedestrian"), np.ones(len(boxes)))
 
 
-def person_at(x: float, y: float) -> np.ndarray:
+def pedestrian_at(x: float, y: float) -> np.ndarray:
     """(1, 7) in the ego frame."""
     return np.array([[x, y, 0.9, 0.375, 0.375, 1.8, 0.0]])

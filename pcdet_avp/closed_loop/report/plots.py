@@ -115,7 +115,7 @@ def law_figure(cruising_mps: float = 1.0) -> Figure:
     image = axis.pcolormesh(aside, ahead, speed, cmap="viridis", vmin=0, vmax=1, shading="nearest")
     for border in (-OUTER_M, -INNER_M, INNER_M, OUTER_M):
         axis.axvline(border, color="white", linewidth=0.8, linestyle="--")
-    axis.set(xlabel="lateral distance of the walker (m)", ylabel="distance ahead of the front bumper (m)")
+    axis.set(xlabel="lateral distance of the pedestrian (m)", ylabel="distance ahead of the front bumper (m)")
     axis.set_title("Target speed v*/v_c of the AVP vehicle")
     figure.colorbar(image, ax=axis, label="v* / v_c")
     return figure

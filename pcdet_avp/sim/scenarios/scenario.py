@@ -16,7 +16,7 @@ from pcdet_avp.sim.scenarios.junction_map import JunctionMap
 from pcdet_avp.sim.world import World
 from pcdet_avp.structures.ego import EGO_LENGTH_M
 
-SETTLE_S = 6.0  # the ego cruises at least so long before the first gap or zone; walkers on a shorter one start late
+SETTLE_S = 6.0  # the ego cruises at least so long before the first gap or zone; pedestrians on a shorter one start late
 
 
 @dataclass(frozen=True)

@@ -51,7 +51,7 @@ def recording():
 
 
 def test_a_recorded_world_shows_at_every_tick_what_was_seen_then(recording):
-    """Walkers are released while the episode runs, between ticks; the replay knows when."""
+    """Pedestrians are released while the episode runs, between ticks; the replay knows when."""
     oracle, log = Oracle(PerceiverSettings(TINY)), recording.log
     awake = [k for k, seen in enumerate(log.perceived) if seen is not None]
     assert len(awake) > 50
@@ -72,7 +72,7 @@ def test_what_the_car_alone_would_have_wanted_is_to_go_on(recording):
 
 
 def test_what_the_policy_ignores_is_drawn_apart(recording):
-    """Walkers are heeded, parked cars are not."""
+    """Pedestrians are heeded, parked cars are not."""
     seen = next(seen for seen in recording.log.perceived if seen is not None)
     heeded, ignored = film.Film(recording, None, "t", EpisodeSettings())._in_world(seen, Pose.identity())
     assert set(seen.names) == {"Pedestrian", "Car"}
@@ -111,11 +111,11 @@ def test_detections_are_ringed_at_their_metres_on_the_map():
     strip = TimeStrip(1440, 162, np.array([0.0, 1.0]), [Curve("v", np.ones(2), (255, 255, 255))], 2.0, "m/s")
     ego = AgentView(Pose.from_xyz_yaw(-50.0, -1.7), None, None)
     infra = AgentView(Pose.from_xyz_yaw(0.0, 0.0, yaw=np.pi), None, None)
-    walker, other = (np.array([[x, y, 0.9, 0.4, 0.4, 1.8, 0.0]]) for x, y in ((-40.0, 2.0), (-30.0, 0.0)))
-    moment = Moment(0.5, ego, infra, np.zeros((0, 7)), walker, other, np.zeros((0, 7)))
+    pedestrian, other = (np.array([[x, y, 0.9, 0.4, 0.4, 1.8, 0.0]]) for x, y in ((-40.0, 2.0), (-30.0, 0.0)))
+    moment = Moment(0.5, ego, infra, np.zeros((0, 7)), pedestrian, other, np.zeros((0, 7)))
     image = EpisodePainter(plan, 100.0, strip, "t", uses_infra=True).picture(moment)
     floor = image[: MAP_PX[1] - 100, -MAP_PX[0] :]  # without the legend
-    for color, box in ((FUSED_COLOR, walker[0]), (ALONE_COLOR, other[0])):
+    for color, box in ((FUSED_COLOR, pedestrian[0]), (ALONE_COLOR, other[0])):
         rows, columns = np.nonzero(np.abs(floor.astype(int) - color).max(-1) < 30)
         assert columns.mean() == pytest.approx((box[0] + 50.0 + BEHIND_M) * MAP_SCALE, abs=2)
         assert rows.mean() == pytest.approx(MAP_PX[1] - (box[1] - FAR_RIGHT_Y_M) * MAP_SCALE, abs=2)
