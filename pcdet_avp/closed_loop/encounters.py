@@ -73,7 +73,9 @@ class Encounters:
         return [actor for actor, distance in zip(threats, apart, strict=True) if distance < NEAR_M]
 
     def _meet(self, contact: Contact, actor: Actor, speed: float) -> None:
-        """Any contact with a vehicle ends the drive; with a pedestrian, one at the front of a moving ego does."""
+        """Any contact with a vehicle ends the drive. With a pedestrian it counts while the ego moves, and ends the drive
+        at the front only.
+        """
         self._touched.add(actor.object_id)
         vehicle = actor.name == "Car"
         if not vehicle and speed < STANDS_BELOW_MPS:

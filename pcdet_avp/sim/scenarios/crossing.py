@@ -1,8 +1,8 @@
 """Pedestrians who step out between parked vehicles (paper, section "Evaluations of Safety-Critical Scenarios").
 
-In a stretch of the road in front of the mast, a pedestrian waits in every second gap or so, crosses the road once
-without noticing the ego, and goes into a gap on the other side. The walk is timed so that the pedestrian would be in the middle
-of the ego's lane when the ego's front would arrive there at cruising speed, give or take 0.3 s.
+In a stretch of the road in front of the mast, a pedestrian waits in about every second gap, crosses the road once
+without noticing the ego, and goes into a gap on the other side. The walk is timed so that the pedestrian would be in
+the middle of the ego's lane when the ego's front would arrive there at cruising speed, shifted by up to 0.3 s.
 
 ``pedestrian_late`` hides them better and deeper: every bay begins, as the ego comes, with a pillar and a van whose
 tail stands out into the road, and the pedestrian comes from close behind it; the rest of the bay are low cars, driven
