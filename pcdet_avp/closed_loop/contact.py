@@ -1,8 +1,8 @@
 """When and how two moving boxes meet: a swept test of footprints by separating axes.
 
 Two rectangles are apart if and only if their projections on one of their four side directions are apart. The
-projection of a box that moves straight comes and leaves at known times, so the time of contact within a step is exact for boxes
-that do not turn in it; turning is resolved by the steps (5 ms or finer).
+projection of a box that moves straight comes and leaves at known times, so the time of contact within a step is
+exact for boxes that do not turn in it; turning is resolved by the steps (5 ms or finer).
 """
 
 from __future__ import annotations

@@ -73,8 +73,8 @@ class Encounters:
         return [actor for actor, distance in zip(threats, apart, strict=True) if distance < NEAR_M]
 
     def _meet(self, contact: Contact, actor: Actor, speed: float) -> None:
-        """Any contact with a vehicle ends the drive. With a pedestrian it counts while the ego moves, and ends the drive
-        at the front only.
+        """Any contact with a vehicle ends the drive. With a pedestrian it counts while the ego moves, and only
+        one at the front ends the drive.
         """
         self._touched.add(actor.object_id)
         vehicle = actor.name == "Car"

@@ -5,7 +5,7 @@ The simulator makes a ``Frame``, a record on disk holds one, the network's input
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
@@ -60,7 +60,8 @@ class Labels:
             if len(getattr(self, name)) != n:
                 raise GeometryError(f"labels.{name}: expected {n} rows, found {len(getattr(self, name))}")
         if self.hit_counts.shape != (n, len(SOURCES)):
-            raise GeometryError(f"labels.hit_counts: expected shape ({n}, {len(SOURCES)}), found {self.hit_counts.shape}")
+            expected = (n, len(SOURCES))
+            raise GeometryError(f"labels.hit_counts: expected shape {expected}, found {self.hit_counts.shape}")
         unknown = set(self.names) - set(CLASS_NAMES)
         if unknown:
             raise GeometryError(f"labels.names: unknown classes {sorted(unknown)}; known: {CLASS_NAMES}")
@@ -77,7 +78,7 @@ class Labels:
 
     def select(self, mask: np.ndarray) -> Labels:
         """The rows where mask (N,) is true."""
-        return Labels(*(getattr(self, f)[mask] for f in ("boxes", "names", "object_ids", "visible_vertices", "hit_counts")))
+        return Labels(*(getattr(self, f.name)[mask] for f in fields(self)))
 
     @classmethod
     def empty(cls) -> Labels:

@@ -15,9 +15,8 @@ from pcdet_avp.closed_loop.report.crash_tables import has_paper_rows, paper_tall
 from pcdet_avp.closed_loop.sweep.crash_statistics import Tally, crash_interval
 from pcdet_avp.closed_loop.sweep.results import Results
 from pcdet_avp.files import write_bytes
+from pcdet_avp.visualization.palette import INFRA_INKS
 
-# Of the roadside's sensors; told apart by the colour-blind too.
-COLORS = {"none": "#6e6e6e", "C": "#e08a00", "CL": "#0062a8"}
 WIDTHS = {"none": 4.2, "C": 2.6, "CL": 1.2}
 ASIDE_MPS = 0.08  # between curves of the same panel
 VEHICLES = {"C": "vehicle camera", "CL": "vehicle camera + LiDAR"}
@@ -130,7 +129,7 @@ def vehicle_panels(results: Results, scenario: str, perception: str) -> dict[str
 
 
 def combo_color(combo: str) -> str:
-    return COLORS.get(combo.partition("+")[2], "#0062a8")
+    return INFRA_INKS.get(combo.partition("+")[2], "#0062a8")
 
 
 def combo_label(combo: str, perception: str) -> str:
