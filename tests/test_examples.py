@@ -32,13 +32,15 @@ def test_own_perception_sees_pedestrians_and_the_turning_vehicle():
 
 def test_the_example_of_the_page_on_the_closed_loop_films_an_episode(monkeypatch):
     """Its code is run as it stands there; only the drawing is left out."""
-    from pcdet_avp.closed_loop.video import video as film
+    from pcdet_avp.closed_loop.video import video
 
     calls = []
-    monkeypatch.setattr(film, "film_episode", lambda *arguments: calls.append(arguments))
+    monkeypatch.setattr(video, "write_episode_video", lambda *arguments: calls.append(arguments))
     monkeypatch.chdir(REPOSITORY)
     page = (REPOSITORY / "docs" / "closed_loop.md").read_text()
-    code = next(block for block in re.findall(r"```python\n(.+?)```", page, re.DOTALL) if "film_episode" in block)
+    code = next(
+        block for block in re.findall(r"```python\n(.+?)```", page, re.DOTALL) if "write_episode_video" in block
+    )
     exec(code, {})
     (scenario, perceiver, combo, cfg, file, _), *more = calls
     assert not more

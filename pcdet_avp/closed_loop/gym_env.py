@@ -63,7 +63,7 @@ class AvpEnv(gymnasium.Env):
     ) -> None:
         """``perceiver`` None: the oracle. ``combo``: the sensors that it may use."""
         if render_mode is not None:
-            raise ConfigError(f"render_mode: expected None, found {render_mode!r}; closed_loop.film makes videos")
+            raise ConfigError(f"render_mode: expected None, found {render_mode!r}; closed_loop.video makes videos")
         draw_scenario(scenario, 0, 0, cruising_mps)  # a wrong name or speed shows now
         self._scenario, self._cruising_mps, self._combo = scenario, cruising_mps, SensorSet.parse(combo)
         self._perceiver = perceiver or Oracle(PerceiverSettings(PAPER_RANGE))

@@ -34,12 +34,12 @@ from pcdet_avp.structures.sensor_set import SensorSet
 from pcdet_avp.visualization.time_strip import Curve, TimeStrip
 from pcdet_avp.visualization.video import write_picture, write_video
 
-LEAD_IN_S = 1.0  # the film starts so long before perception wakes
+LEAD_IN_S = 1.0  # the video starts so long before perception wakes
 HOLD_S = 1.5  # the last picture stays so long
 STILLS = 4
 
 
-def film_episode(
+def write_episode_video(
     scenario: Scenario,
     perceiver: Perceiver,
     combo: SensorSet,
@@ -52,21 +52,21 @@ def film_episode(
     """Drive an episode and write it to ``file`` (a video; ``<stem>_stills.jpg`` beside it). Returns the episode's log.
 
     The cameras that are shown come from ``data_cfg["SENSORS"]``. ``title`` says which perception drives. ``every``:
-    2 shows every other tick. The film runs in real time.
+    2 shows every other tick. The video runs in real time.
     """
     settings = settings or EpisodeSettings()
     recording = record_episode(scenario, perceiver, combo, settings)
-    film = Film(recording, Rig.from_config(data_cfg["SENSORS"]), title, settings)
-    ticks = film.ticks()
-    shown = tqdm(ticks[::-every][::-1], unit="picture", desc=f"filming {file.name}")
+    video = EpisodeVideo(recording, Rig.from_config(data_cfg["SENSORS"]), title, settings)
+    ticks = video.ticks()
+    shown = tqdm(ticks[::-every][::-1], unit="picture", desc=f"drawing {file.name}")
     fps = 1 / (every * settings.tick_s)
-    write_video(file, film.pictures(shown, hold=round(HOLD_S * fps)), fps)
-    stills = [film.picture(tick) for tick in _still_ticks(ticks, recording.log)]
+    write_video(file, video.pictures(shown, hold=round(HOLD_S * fps)), fps)
+    stills = [video.picture(tick) for tick in _still_ticks(ticks, recording.log)]
     write_picture(file.with_name(f"{file.stem}_stills.jpg"), np.vstack(stills))
     return recording.log
 
 
-class Film:
+class EpisodeVideo:
     """Pictures of a recorded episode."""
 
     def __init__(self, recording: Recording, rig: Rig, title: str, settings: EpisodeSettings) -> None:

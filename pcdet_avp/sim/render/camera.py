@@ -9,8 +9,7 @@ import numpy as np
 
 from pcdet_avp.sim.rays.raytracer import RayTracer
 from pcdet_avp.sim.rays.shadow_cache import ray_slots
-from pcdet_avp.sim.render import image_sensor as film
-from pcdet_avp.sim.render import shading
+from pcdet_avp.sim.render import image_sensor, shading
 from pcdet_avp.sim.render.ambient_occlusion import ambient_visibility
 from pcdet_avp.sim.render.lights import KEY, Lighting, draw_lighting, headlamps_of
 from pcdet_avp.structures.camera import PinholeCamera
@@ -108,5 +107,7 @@ def _developed(radiance, shape, lighting: Lighting, rng: np.random.Generator) ->
     gain = lighting.exposure * KEY / (MID_GREY * lighting.field.floor_light)
     seed = rng.integers(0, 2**64, dtype=np.uint64)
     noise = np.float32(lighting.read_noise), np.float32(lighting.shot_noise)
-    film.expose(radiance.reshape(*shape, 3), np.float32(gain), *noise, seed, film.tone_curve(lighting.gamma), image)
+    image_sensor.expose(
+        radiance.reshape(*shape, 3), np.float32(gain), *noise, seed, image_sensor.tone_curve(lighting.gamma), image
+    )
     return image

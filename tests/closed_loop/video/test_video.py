@@ -1,4 +1,4 @@
-"""Films of episodes: time can be turned back, and what is drawn lies where it stood."""
+"""Videos of episodes: time can be turned back, and what is drawn lies where it stood."""
 
 import cv2
 import numpy as np
@@ -8,7 +8,7 @@ from pcdet_avp.closed_loop.episode_log import ROW_FIELDS, EpisodeRow
 from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
 from pcdet_avp.closed_loop.perception.oracle import Oracle
 from pcdet_avp.closed_loop.perception.perceiver import Perceived, PerceiverSettings
-from pcdet_avp.closed_loop.video import video as film
+from pcdet_avp.closed_loop.video import video
 from pcdet_avp.closed_loop.video.episode_picture import (
     ALONE_COLOR,
     BEHIND_M,
@@ -66,7 +66,7 @@ def test_the_car_alone_is_asked_at_the_same_ticks(recording):
 
 
 def test_what_the_car_alone_would_have_wanted_is_to_go_on(recording):
-    pictures = film.Film(recording, None, "t", EpisodeSettings())
+    pictures = video.EpisodeVideo(recording, None, "t", EpisodeSettings())
     assert set(pictures._targets_alone(EpisodeSettings())) == {8.0}
     assert recording.log.targets.min() < 8.0
 
@@ -74,7 +74,7 @@ def test_what_the_car_alone_would_have_wanted_is_to_go_on(recording):
 def test_what_the_policy_ignores_is_drawn_apart(recording):
     """Pedestrians are heeded, parked cars are not."""
     seen = next(seen for seen in recording.log.perceived if seen is not None)
-    heeded, ignored = film.Film(recording, None, "t", EpisodeSettings())._in_world(seen, Pose.identity())
+    heeded, ignored = video.EpisodeVideo(recording, None, "t", EpisodeSettings())._in_world(seen, Pose.identity())
     assert set(seen.names) == {"Pedestrian", "Car"}
     np.testing.assert_array_equal(heeded, seen.boxes[seen.names == "Pedestrian"])
     np.testing.assert_array_equal(ignored, seen.boxes[seen.names == "Car"])
@@ -82,7 +82,11 @@ def test_what_the_policy_ignores_is_drawn_apart(recording):
 
 def test_a_turning_car_is_heeded_until_it_has_cleared_the_lane():
     junction = record_episode(draw_scenario("t_junction", 0, 1, 8.0), WithRoadsideOnly(), SensorSet.parse("C+CL"))
-    pictures, oracle, heeded = film.Film(junction, None, "t", EpisodeSettings()), Oracle(PerceiverSettings(TINY)), []
+    pictures, oracle, heeded = (
+        video.EpisodeVideo(junction, None, "t", EpisodeSettings()),
+        Oracle(PerceiverSettings(TINY)),
+        [],
+    )
     awake = [tick for tick, seen in enumerate(junction.log.perceived) if seen is not None]
     for tick in (awake[0], awake[-1] + 1):  # perception sleeps once nobody is in the way
         world = junction.seek(tick)
@@ -92,10 +96,10 @@ def test_a_turning_car_is_heeded_until_it_has_cleared_the_lane():
 
 
 def test_a_film_shows_every_second_tick_up_to_the_last_and_holds_it(tmp_path, monkeypatch):
-    monkeypatch.setattr(film.Film, "ticks", lambda self: range(120, 125))
-    monkeypatch.setattr(film, "HOLD_S", 0.2)
+    monkeypatch.setattr(video.EpisodeVideo, "ticks", lambda self: range(120, 125))
+    monkeypatch.setattr(video, "HOLD_S", 0.2)
     scenario, file = draw_scenario("t_junction", 0, 1, 8.0), tmp_path / "a.mp4"
-    log = film.film_episode(scenario, WithRoadsideOnly(), SensorSet.parse("C+CL"), TINY, file, "t")
+    log = video.write_episode_video(scenario, WithRoadsideOnly(), SensorSet.parse("C+CL"), TINY, file, "t")
     assert log.outcome == "none"
     capture, images = cv2.VideoCapture(str(file)), []
     while (got := capture.read())[0]:
