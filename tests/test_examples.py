@@ -42,8 +42,8 @@ def test_the_example_of_the_page_on_the_closed_loop_films_an_episode(monkeypatch
         block for block in re.findall(r"```python\n(.+?)```", page, re.DOTALL) if "write_episode_video" in block
     )
     exec(code, {})
-    (scenario, perceiver, combo, cfg, file, _), *more = calls
+    (scenario, perceiver, sensor_set, cfg, file, _), *more = calls
     assert not more
-    assert (scenario.name, scenario.cruising_mps, combo.name, file.suffix) == ("t_junction", 8.0, "C+CL", ".mp4")
-    assert perceiver.perceive(scenario.world(), 0, combo).missed is not None  # los knows what it misses
+    assert (scenario.name, scenario.cruising_mps, sensor_set.name, file.suffix) == ("t_junction", 8.0, "C+CL", ".mp4")
+    assert perceiver.perceive(scenario.world(), 0, sensor_set).missed is not None  # los knows what it misses
     assert "SENSORS" in cfg

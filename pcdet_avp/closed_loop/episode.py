@@ -23,10 +23,10 @@ from pcdet_avp.structures.sensor_set import SensorSet
 
 
 def run_episode(
-    scenario: Scenario, perceiver: Perceiver, combo: SensorSet, settings: EpisodeSettings | None = None
+    scenario: Scenario, perceiver: Perceiver, sensor_set: SensorSet, settings: EpisodeSettings | None = None
 ) -> EpisodeLog:
     """Drive by the policy until the ego has met somebody, has passed everybody, or the time is up."""
-    episode = Episode(scenario, perceiver, combo, settings)
+    episode = Episode(scenario, perceiver, sensor_set, settings)
     while not episode.over:
         _, target = episode.look()
         episode.move(target)
@@ -37,11 +37,11 @@ class Episode:
     """A drive between two ticks: ``look``, then ``move`` at a target speed, until it is ``over``; then ``log``."""
 
     def __init__(
-        self, scenario: Scenario, perceiver: Perceiver, combo: SensorSet, settings: EpisodeSettings | None = None
+        self, scenario: Scenario, perceiver: Perceiver, sensor_set: SensorSet, settings: EpisodeSettings | None = None
     ) -> None:
         self.scenario, self.settings = scenario, settings or EpisodeSettings()
         self.state = LongitudinalState(scenario.ego_start_x, scenario.cruising_mps)
-        self._perceiver, self._combo = perceiver, combo
+        self._perceiver, self._sensor_set = perceiver, sensor_set
         self._world, self._tick = scenario.world(), 0
         self._orders = deque([scenario.cruising_mps] * self.settings.lag_ticks)
         rules = (scenario.cruising_mps, scenario.junction, self.settings.hold_ticks, self.settings.from_bumper)
@@ -100,7 +100,7 @@ class Episode:
 
     def _decide(self) -> tuple[Perceived, float]:
         ego, users = self._world.world_from_ego, self._world.road_users()
-        seen = self._perceiver.perceive(self._world, self._tick, self._combo)
+        seen = self._perceiver.perceive(self._world, self._tick, self._sensor_set)
         target = self._driver.decide(seen.boxes, seen.names, ego)
         truth = self._informed.decide(transform_boxes(ego.inverse(), users.boxes), users.names, ego)
         self._measurements.decision(target, truth)

@@ -72,7 +72,7 @@ class Scripted:
     def begin(self, scenario, seed_key):
         self.asked = []
 
-    def perceive(self, world, tick, combo):
+    def perceive(self, world, tick, sensor_set):
         self.asked.append(tick)
         boxes = self.table.get(tick, self.always)
         if boxes is None:

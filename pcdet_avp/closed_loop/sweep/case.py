@@ -57,9 +57,9 @@ def case_scenario(job: CaseJob) -> Scenario:
 def replay(job: CaseJob, keep_perceived: bool = False) -> EpisodeLog:
     """The whole log of a case, the same however often it is run."""
     settings = EpisodeSettings.from_config({**job.closed_loop, "KEEP_PERCEIVED": keep_perceived})
-    combo = SensorSet.parse("CL+CL" if job.case.combo == ANY_COMBO else job.case.combo)
+    sensor_set = SensorSet.parse("CL+CL" if job.case.combo == ANY_COMBO else job.case.combo)
     perceiver = _perceiver(job.case.perception, json.dumps(job.perceiver))
-    return run_episode(case_scenario(job), perceiver, combo, settings)
+    return run_episode(case_scenario(job), perceiver, sensor_set, settings)
 
 
 @lru_cache(maxsize=2)

@@ -42,7 +42,7 @@ STILLS = 4
 def write_episode_video(
     scenario: Scenario,
     perceiver: Perceiver,
-    combo: SensorSet,
+    sensor_set: SensorSet,
     data_cfg: Mapping[str, Any],
     file: Path,
     title: str,
@@ -55,7 +55,7 @@ def write_episode_video(
     2 shows every other tick. The video runs in real time.
     """
     settings = settings or EpisodeSettings()
-    recording = record_episode(scenario, perceiver, combo, settings)
+    recording = record_episode(scenario, perceiver, sensor_set, settings)
     video = EpisodeVideo(recording, Rig.from_config(data_cfg["SENSORS"]), title, settings)
     ticks = video.ticks()
     shown = tqdm(ticks[::-every][::-1], unit="picture", desc=f"drawing {file.name}")
@@ -75,7 +75,7 @@ class EpisodeVideo:
         parked = [box_at(actor, 0.0) for actor in scenario.actors if stands(actor)]
         plan = garage_plan(scenario.layout, np.array(parked).reshape(-1, 7), MAP_SCALE)
         self._painter = EpisodePainter(
-            plan, scenario.layout.road_end_x + 2.0, self._strip(settings), title, recording.combo.uses_infra
+            plan, scenario.layout.road_end_x + 2.0, self._strip(settings), title, recording.sensor_set.uses_infra
         )
 
     def ticks(self) -> range:
@@ -128,7 +128,7 @@ class EpisodeVideo:
             Curve("speed", log.speeds[part], EGO_COLOR),
             Curve("target speed", log.targets[part], FUSED_COLOR, steps=True),
         ]
-        if recording.combo.uses_infra:
+        if recording.sensor_set.uses_infra:
             alone = self._targets_alone(settings)[part]
             curves.insert(1, Curve("target speed by the car alone", alone, ALONE_COLOR, 1, steps=True))
         top = 1.1 * recording.scenario.cruising_mps

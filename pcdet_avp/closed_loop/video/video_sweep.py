@@ -24,10 +24,10 @@ def write_sweep_videos(sweep: Sweep, finished: Finished, folder: Path) -> list[P
     for case in telling_cases(row for row in rows if row.combo in (*sweep.combos, ANY_COMBO)):
         file = folder / f"{case.scenario}_{case.perception}_{case.combo}_{case.speed:g}_{case.trial}.mp4"
         if not any(folder.glob(f"{file.stem}_stills.*")):
-            combo = SensorSet.parse("CL+CL" if case.combo == ANY_COMBO else case.combo)
+            sensor_set = SensorSet.parse("CL+CL" if case.combo == ANY_COMBO else case.combo)
             scenario = case_scenario(sweep.job(case))
             write_episode_video(
-                scenario, perceiver, combo, sweep.perceiver["data_cfg"], file, _title(sweep, case), settings
+                scenario, perceiver, sensor_set, sweep.perceiver["data_cfg"], file, _title(sweep, case), settings
             )
         files.append(file)
     return files

@@ -41,8 +41,8 @@ class WithRoadsideOnly:
     def begin(self, scenario, seed_key):
         self.oracle.begin(scenario, seed_key)
 
-    def perceive(self, world, tick, combo):
-        return self.oracle.perceive(world, tick, combo) if combo.uses_infra else Perceived.nothing()
+    def perceive(self, world, tick, sensor_set):
+        return self.oracle.perceive(world, tick, sensor_set) if sensor_set.uses_infra else Perceived.nothing()
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +56,7 @@ def test_a_recorded_world_shows_at_every_tick_what_was_seen_then(recording):
     awake = [k for k, seen in enumerate(log.perceived) if seen is not None]
     assert len(awake) > 50
     for tick in [*awake[::7], awake[3]]:  # and back again
-        again = oracle.perceive(recording.seek(tick), tick, recording.combo)
+        again = oracle.perceive(recording.seek(tick), tick, recording.sensor_set)
         np.testing.assert_allclose(again.boxes, log.perceived[tick].boxes, atol=1e-9)
 
 
@@ -90,7 +90,7 @@ def test_a_turning_car_is_heeded_until_it_has_cleared_the_lane():
     awake = [tick for tick, seen in enumerate(junction.log.perceived) if seen is not None]
     for tick in (awake[0], awake[-1] + 1):  # perception sleeps once nobody is in the way
         world = junction.seek(tick)
-        seen = oracle.perceive(world, tick, junction.combo)
+        seen = oracle.perceive(world, tick, junction.sensor_set)
         heeded.append(len(pictures._in_world(seen, world.world_from_ego)[0]))
     assert heeded == [1, 0]
 
