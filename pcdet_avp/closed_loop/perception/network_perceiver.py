@@ -67,7 +67,7 @@ class NetworkPerceiver:
         self._silent_from_s: float | None = None  # not known before the first map
 
     def perceive(self, world: World, tick: int, sensor_set: SensorSet) -> Perceived:
-        """Sensors not in ``sensor_set`` capture and send nothing; maps received earlier are used while they are held."""
+        """Sensors not in ``sensor_set`` capture and send nothing; maps received earlier are used as long as held."""
         if sensor_set.uses_infra and self._is_cut(world.time_s):
             sensor_set = replace(sensor_set, infra_camera=False, infra_lidar=False)
         frame = observe(world, self._rig, (*self._key, tick), f"{self._name}/{tick}", sensor_set.sources)
