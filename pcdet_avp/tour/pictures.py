@@ -122,4 +122,4 @@ def _outcome(results: Results, scenario: str, perception: str, combo: str, speed
     row = next(row for row in rows if row["trial"] == trial)
     if row["outcome"] == "none":
         return "no contact"
-    return f"contact with the car's {row['outcome']} at {float(row['impact_speed']):.1f} m/s"
+    return f"contact with the car's {row['outcome']} at {float(row['impact_speed_mps']):.1f} m/s"

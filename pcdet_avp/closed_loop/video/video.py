@@ -34,15 +34,15 @@ from pcdet_avp.structures.sensor_set import SensorSet
 from pcdet_avp.visualization.time_strip import Curve, TimeStrip
 from pcdet_avp.visualization.video import write_picture, write_video
 
-LEAD_IN_S = 1.0  # the film starts so long before perception wakes
+LEAD_IN_S = 1.0  # the video starts so long before perception wakes
 HOLD_S = 1.5  # the last picture stays so long
 STILLS = 4
 
 
-def film_episode(
+def write_episode_video(
     scenario: Scenario,
     perceiver: Perceiver,
-    combo: SensorSet,
+    sensor_set: SensorSet,
     data_cfg: Mapping[str, Any],
     file: Path,
     title: str,
@@ -53,32 +53,32 @@ def film_episode(
     ``<stem>_stills.jpg`` beside it). Returns the episode's log.
 
     The cameras that are shown come from ``data_cfg["SENSORS"]``. ``title`` says which perception drives. ``every``:
-    2 shows every other tick. The film runs in real time.
+    2 shows every other tick. The video runs in real time.
     """
     settings = settings or EpisodeSettings()
-    recording = record_episode(scenario, perceiver, combo, settings)
-    film = Film(recording, Rig.from_config(data_cfg["SENSORS"]), title, settings)
-    ticks = film.ticks()
-    shown = tqdm(ticks[::-every][::-1], unit="picture", desc=f"filming {file.name}")
+    recording = record_episode(scenario, perceiver, sensor_set, settings)
+    video = EpisodeVideo(recording, Rig.from_config(data_cfg["SENSORS"]), title, settings)
+    ticks = video.ticks()
+    shown = tqdm(ticks[::-every][::-1], unit="picture", desc=f"drawing {file.name}")
     fps = 1 / (every * settings.tick_s)
-    write_video(file, film.pictures(shown, hold=round(HOLD_S * fps)), fps)
-    write_picture(file.with_name(f"{file.stem}_poster.jpg"), film.picture(film.poster_tick()))
-    stills = [film.picture(tick) for tick in _still_ticks(ticks, recording.log)]
+    write_video(file, video.pictures(shown, hold=round(HOLD_S * fps)), fps)
+    write_picture(file.with_name(f"{file.stem}_poster.jpg"), video.picture(video.poster_tick()))
+    stills = [video.picture(tick) for tick in _still_ticks(ticks, recording.log)]
     write_picture(file.with_name(f"{file.stem}_stills.jpg"), np.vstack(stills))
     return recording.log
 
 
-class Film:
+class EpisodeVideo:
     """Pictures of a recorded episode."""
 
     def __init__(self, recording: Recording, rig: Rig, title: str, settings: EpisodeSettings) -> None:
         self._recording, self._rig, self._tick_s = recording, rig, settings.tick_s
         scenario = recording.scenario
-        self._alone = self._targets_alone(settings) if recording.combo.uses_infra else None
+        self._alone = self._targets_alone(settings) if recording.sensor_set.uses_infra else None
         parked = [box_at(actor, 0.0) for actor in scenario.actors if stands(actor)]
         plan = garage_plan(scenario.layout, np.array(parked).reshape(-1, 7), MAP_SCALE)
         self._painter = EpisodePainter(
-            plan, scenario.layout.road_end_x + 2.0, self._strip(settings), title, recording.combo.uses_infra
+            plan, scenario.layout.road_end_x + 2.0, self._strip(settings), title, recording.sensor_set.uses_infra
         )
 
     def ticks(self) -> range:
@@ -91,7 +91,7 @@ class Film:
         """The tick that shows best what the roadside changes: the first at which the target speeds with and without it
         differ most. Where there is no roadside, or no difference, the last tick, which says how it ended."""
         ticks = self.ticks()
-        if not self._recording.combo.uses_infra:
+        if not self._recording.sensor_set.uses_infra:
             return ticks[-1]
         difference = np.abs(self._alone - self._recording.log.targets)[ticks.start : ticks.stop]
         return ticks[int(difference.argmax())] if difference.any() else ticks[-1]
@@ -130,7 +130,7 @@ class Film:
         log = self._recording.log
         if log.outcome == "none":
             return ("passed without a contact" if log.finished else "time is up"), "none"
-        return f"contact with the {log.outcome} at {log.impact_speed:.1f} m/s", log.outcome
+        return f"contact with the {log.outcome} at {log.impact_speed_mps:.1f} m/s", log.outcome
 
     def _strip(self, settings: EpisodeSettings) -> TimeStrip:
         recording, log = self._recording, self._recording.log
@@ -140,19 +140,19 @@ class Film:
             Curve("speed", log.speeds[part], EGO_COLOR),
             Curve("target speed", log.targets[part], FUSED_COLOR, steps=True),
         ]
-        if recording.combo.uses_infra:
+        if recording.sensor_set.uses_infra:
             curves.insert(1, Curve("target speed by the car alone", self._alone[part], ALONE_COLOR, 1, steps=True))
-        top = 1.1 * recording.scenario.cruising
+        top = 1.1 * recording.scenario.cruising_mps
         return TimeStrip(*STRIP_PX, log.times[part], curves, top, "speed (m/s)")
 
     def _targets_alone(self, settings: EpisodeSettings) -> np.ndarray:
         """(T,) the target speed that the vehicle's own detections would ask for at the same places."""
         scenario, log = self._recording.scenario, self._recording.log
-        driver = Driver(scenario.cruising, scenario.junction, settings.hold_ticks, settings.from_bumper)
-        targets = [scenario.cruising] * settings.lag_ticks
+        driver = Driver(scenario.cruising_mps, scenario.junction, settings.hold_ticks, settings.from_bumper)
+        targets = [scenario.cruising_mps] * settings.lag_ticks
         for x, seen in zip(log.positions, self._recording.alone, strict=True):
             pose = Pose.from_xyz_yaw(float(x), scenario.layout.lane_y)
-            targets.append(scenario.cruising if seen is None else driver.decide(seen.boxes, seen.names, pose))
+            targets.append(scenario.cruising_mps if seen is None else driver.decide(seen.boxes, seen.names, pose))
         return np.array(targets[: len(log.times)])
 
 
