@@ -47,19 +47,8 @@ _Loader.add_implicit_resolver(
 
 
 def load_config(path: str | os.PathLike) -> EasyDict:
-    """Read a YAML file with everything it builds on; ``find_config`` says which file."""
-    return EasyDict(_load(find_config(path), ()))
-
-
-def find_config(path: str | os.PathLike) -> Path:
-    """The file that a name means: one in the working folder, else the one that comes with the package.
-
-    ConfigError where neither exists; it names both places and files with names like this.
-    """
-    found = shipped.find(path)
-    if found is None:
-        raise ConfigError(f"{path}: {shipped.not_found(path)}")
-    return found
+    """Read a YAML file with everything it builds on; ``shipped.find_config`` says which file."""
+    return EasyDict(_load(shipped.find_config(path), ()))
 
 
 def _load(path: Path, parents: tuple[Path, ...]) -> dict:
@@ -101,7 +90,7 @@ def _expand(content: dict, path: Path, chain: tuple[Path, ...], prefix: str) -> 
         if isinstance(value, dict):
             value = _expand(value, path, chain, f"{prefix}{key}.")
         elif key in PATH_KEYS and isinstance(value, str):
-            value = shipped.in_working_folder(os.path.abspath(path.parent / value))
+            value = shipped.in_home(os.path.abspath(path.parent / value))
         own[key] = value
     return _merge(base, own, path, prefix)
 

@@ -11,10 +11,35 @@ import difflib
 import os
 from pathlib import Path
 
+from pcdet_avp.errors import CheckpointError, ConfigError
+
 PACKAGE = Path(__file__).parent
 INSTALLED = (PACKAGE / "_data").is_dir()  # else this is a checkout, and an editable installation is one, too
 ROOT = PACKAGE / "_data" if INSTALLED else PACKAGE.parent
 PATTERNS = {".yaml": "cfgs/**/*.yaml", ".pth": "weights/*.pth"}  # what there is, by the suffix of a name
+
+
+def find_config(path: str | os.PathLike) -> Path:
+    """The file that a name means: one in the working folder, else the one that comes with the package.
+
+    ConfigError where neither exists; it names both places and files with names like this.
+    """
+    found = find(path)
+    if found is None:
+        raise ConfigError(f"{path}: {not_found(path)}")
+    return found
+
+
+def find_checkpoint(path: str | os.PathLike) -> Path:
+    """The file that a name means: one in the working folder, else weights that come with the package.
+
+    CheckpointError where neither exists.
+    """
+    path = Path(path)
+    found = path if path.exists() else find(path)
+    if found is None:
+        raise CheckpointError(f"{path}: cannot read this checkpoint: {not_found(path)}")
+    return found
 
 
 def find(name: str | os.PathLike, folder: Path | None = None) -> Path | None:
@@ -52,8 +77,18 @@ def _known(suffix: str) -> list[str]:
     return sorted({path.relative_to(top).as_posix() for top in (Path.cwd(), ROOT) for path in top.glob(pattern)})
 
 
-def in_working_folder(path: str | os.PathLike) -> str:
-    """``path``; one inside the installed package stands for the same place below the working folder."""
-    if INSTALLED and Path(path).is_relative_to(ROOT):
-        return str(Path.cwd() / Path(path).relative_to(ROOT))
-    return str(path)
+def weights_of(config: Path) -> Path | None:
+    """Trained weights that come with the package for one of its own configurations; None for any other file."""
+    weights, ours = ROOT / "weights" / f"{config.stem}.pth", ROOT / "cfgs" / "avp" / config.name
+    return weights if weights.exists() and ours.exists() and ours.samefile(config) else None
+
+
+def home() -> Path:
+    """What stands for ``ROOT`` where something is written: nothing ever is inside an installed package."""
+    return Path.cwd() if INSTALLED else ROOT
+
+
+def in_home(path: str | os.PathLike) -> str:
+    """``path``; one below ``ROOT`` stands for the same place below ``home``."""
+    path = Path(path)
+    return str(home() / path.relative_to(ROOT) if path.is_relative_to(ROOT) else path)

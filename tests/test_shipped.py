@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from pcdet_avp import shipped
-from pcdet_avp.config import find_config, load_config
+from pcdet_avp.config import load_config
 from pcdet_avp.errors import ConfigError
 
 REPOSITORY = Path(__file__).parents[1]
@@ -40,7 +40,7 @@ def data_path(name):
 
 
 def test_from_an_empty_folder_the_packages_file_is_found(work):
-    assert find_config(SMALL) == REPOSITORY / SMALL
+    assert shipped.find_config(SMALL) == REPOSITORY / SMALL
     assert load_config(SMALL) == load_config(REPOSITORY / SMALL)
 
 

@@ -1,26 +1,24 @@
-"""What roadside maps cost on the air and what they are worth there: bytes, rate, AP against bytes, loss and pose error.
+"""``avp-bandwidth``: what roadside maps cost on the air and what they are worth there.
 
-python tools/bandwidth_report.py --cfg cfgs/avp/cp_small.yaml --ckpt weights/cp_small.pth
-python tools/bandwidth_report.py --cfg cfgs/avp/cp_small.yaml --ckpt F --every 2 --combos CL+CL      a fifth of the time
-python tools/bandwidth_report.py --cfg cfgs/avp/cp_small.yaml --ckpt F --studies budget,loss
-
-Writes report.md, bandwidth.json and plots; the same command goes on where it stopped.
+Bytes, rate, AP against bytes, block loss and pose error. Writes report.md, bandwidth.json and plots; the same command
+goes on where it stopped.
 """
 
 from __future__ import annotations
 
 import argparse
 import time
+from functools import partial
 from pathlib import Path
 
 from pcdet_avp.bandwidth.plan import STUDIES
 from pcdet_avp.bandwidth.report import make_content, write_report
 from pcdet_avp.bandwidth.study import StudyOptions, run_study
-from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
+from pcdet_avp.cli import CKPT_HELP, config_parser, load_arguments_config, run_tool
 from pcdet_avp.datasets import build_dataset
 from pcdet_avp.datasets.avp.splits import SPLITS
 from pcdet_avp.engine import checkpoint, distributed
-from pcdet_avp.engine.outputs import RunFolder, open_log
+from pcdet_avp.engine.outputs import RunFolder, choose_checkpoint, open_log
 from pcdet_avp.engine.testing.detect import parse_combos
 from pcdet_avp.engine.testing.run import load_network
 from pcdet_avp.files import make_folder
@@ -31,7 +29,7 @@ from pcdet_avp.provenance import provenance
 
 def parse_arguments() -> argparse.Namespace:
     parser = config_parser("Bytes, rate, and AP against bytes, block loss and pose error.")
-    parser.add_argument("--ckpt", type=Path, required=True, help="checkpoint")
+    parser.add_argument("--ckpt", type=Path, help=CKPT_HELP)
     parser.add_argument("--split", choices=SPLITS, default="test")
     parser.add_argument("--every", type=int, default=1, metavar="N", help="every N-th frame of each scene")
     parser.add_argument("--frames", type=int, metavar="N", help="only the first N of those")
@@ -58,19 +56,23 @@ def main() -> None:
         seed=args.seed,
         budget_bytes=args.budget,
     )
-    out = args.out or RunFolder.of(args.cfg).root / "bandwidth"
+    run_folder = RunFolder.of(args.cfg)
+    out = args.out or run_folder.root / "bandwidth"
     make_folder(out)
     logger = open_log(out, "bandwidth")
     dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split=args.split, logger=logger)
-    model, content = load_network(cfg, args.ckpt, dataset, ranks, logger)
+    ckpt = choose_checkpoint(args.ckpt, args.cfg, run_folder.checkpoints, logger.info)
+    model, content = load_network(cfg, ckpt, dataset, ranks, logger)
     weights = checkpoint.weights_hash(content["model_state"])
     study = run_study(model, cfg, dataset, weights, options, out, ranks, logger, args.workers)
     seed = content.get("sampler", {}).get("seed")
     meta = provenance(cfg, Path(args.cfg).stem, seed=seed, weights_hash=weights, started=started)
-    about = {"checkpoint": args.ckpt.name, "iterations": content.get("it")}
+    about = {"checkpoint": ckpt.name, "iterations": content.get("it")}
     write_report(make_content(study, dataset, content.get(THRESHOLDS_KEY), meta | about), out)
     print((out / "report.md").read_text(encoding="utf-8") + f"\nwritten to {out}")
 
 
+run = partial(run_tool, main)
+
 if __name__ == "__main__":
-    run_tool(main)
+    run()

@@ -1,8 +1,4 @@
-"""Make a data set of the embedded garage, or finish one that was interrupted.
-
-    python tools/create_data.py --cfg cfgs/avp/cp_small.yaml --preview 6
-    python tools/create_data.py --cfg cfgs/avp/cp_full.yaml --workers 8
-    python tools/create_data.py --cfg cfgs/avp/cp_full.yaml --scheduler tcp://host:8786
+"""``avp-data``: make a data set of the embedded garage, or finish one that was interrupted.
 
 Prints what the data set holds and what its sensors can see; ``--preview K`` writes pictures of K test frames.
 """
@@ -11,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import os
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -65,5 +62,7 @@ def write_previews(root: Path, manifest: Manifest, grid: BevGrid, count: int) ->
         print(f"wrote {file}")
 
 
+run = partial(run_tool, main)
+
 if __name__ == "__main__":
-    run_tool(main)
+    run()

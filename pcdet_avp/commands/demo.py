@@ -1,25 +1,21 @@
-"""Pictures or a video of what a network finds, without and with the roadside. Needs no display.
-
-python tools/demo.py --cfg cfgs/avp/cp_small.yaml --ckpt weights/cp_small.pth                       a video
-python tools/demo.py --cfg cfgs/avp/cp_small.yaml --ckpt weights/cp_small.pth --frame 0012/003      one picture
-python tools/demo.py --cfg cfgs/avp/cp_small.yaml --ckpt F --data_path CLOUD.bin     a cloud of yours, or a folder
-"""
+"""``avp-demo``: pictures or a video of what a network finds, without and with the roadside. Needs no display."""
 
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
 
-from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
+from pcdet_avp.cli import CKPT_HELP, config_parser, load_arguments_config, run_tool
 from pcdet_avp.config import require
 from pcdet_avp.datasets import build_dataset
 from pcdet_avp.datasets.avp.network_input import NetworkInput
 from pcdet_avp.datasets.avp.splits import SPLITS
 from pcdet_avp.engine import distributed
-from pcdet_avp.engine.outputs import RunFolder, open_log
+from pcdet_avp.engine.outputs import RunFolder, choose_checkpoint, open_log
 from pcdet_avp.engine.testing.detect import parse_combos
 from pcdet_avp.engine.testing.pictures import detection_picture
 from pcdet_avp.engine.testing.point_clouds import cloud_files, cloud_frame, cloud_picture, find_in_cloud
@@ -33,7 +29,7 @@ from pcdet_avp.visualization.video import write_picture, write_video
 
 def parse_arguments() -> argparse.Namespace:
     parser = config_parser("Pictures or a video of what a network finds.")
-    parser.add_argument("--ckpt", type=Path, required=True, help="checkpoint")
+    parser.add_argument("--ckpt", type=Path, help=CKPT_HELP)
     parser.add_argument("--data_path", type=Path, help="a point cloud (.bin, .npy: x, y, z, intensity), or a folder")
     parser.add_argument("--lidar_height_m", type=float, help="of --data_path, above the floor (default: the vehicle's)")
     parser.add_argument("--frame", metavar="ID", help="one frame (scene/frame) as a picture, instead of a video")
@@ -50,14 +46,16 @@ def main() -> None:
     args = parse_arguments()
     cfg, combos = load_arguments_config(args), parse_combos(args.combos)
     ranks = distributed.start(device=args.device)
-    out = args.out or RunFolder.of(args.cfg).root / "demo"
+    run_folder = RunFolder.of(args.cfg)
+    out = args.out or run_folder.root / "demo"
     make_folder(out)
     logger = open_log(out, "demo")
+    ckpt = choose_checkpoint(args.ckpt, args.cfg, run_folder.checkpoints, logger.info)
     if args.data_path:
-        show_clouds(args, cfg, ranks, out, logger)
+        show_clouds(args, cfg, ckpt, ranks, out, logger)
         return
     dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split=args.split)
-    model, content = load_network(cfg, args.ckpt, dataset, ranks, logger)
+    model, content = load_network(cfg, ckpt, dataset, ranks, logger)
 
     def picture(index: int) -> np.ndarray:
         return detection_picture(model, dataset, index, combos, ranks.device, content.get(THRESHOLDS_KEY))
@@ -72,13 +70,13 @@ def main() -> None:
     print(f"wrote {file}")
 
 
-def show_clouds(args: argparse.Namespace, cfg, ranks: distributed.Ranks, out: Path, logger) -> None:
+def show_clouds(args: argparse.Namespace, cfg, ckpt: Path, ranks: distributed.Ranks, out: Path, logger) -> None:
     """A picture for each of the user's clouds, and one file with all detections."""
     data_cfg = require(cfg, "DATA_CONFIG", dict)
     height = args.lidar_height_m
     height = require(data_cfg, "SENSORS.EGO.LIDAR.Z_M", (int, float)) if height is None else height
     network_input, files = NetworkInput.from_config(data_cfg, cfg.CLASS_NAMES), cloud_files(args.data_path)
-    model, content = load_network(cfg, args.ckpt, network_input, ranks, logger)
+    model, content = load_network(cfg, ckpt, network_input, ranks, logger)
     everything = []
     for file in tqdm(files, unit="cloud", desc="drawing"):
         frame = cloud_frame(file, height)
@@ -96,5 +94,7 @@ def _index_of(frame_id: str, dataset) -> int:
     return dataset.frame_ids.index(frame_id)
 
 
+run = partial(run_tool, main)
+
 if __name__ == "__main__":
-    run_tool(main)
+    run()

@@ -1,19 +1,17 @@
-"""A configuration as one file that OpenPCDet's own tools/train.py and tools/test.py accept.
-
-python tools/export_openpcdet.py                                                  cfgs/openpcdet/ from cfgs/avp/
-python tools/export_openpcdet.py --cfg cfgs/avp/ablations/max_fusion.yaml --out max_fusion.yaml
-"""
+"""``tools/export_openpcdet.py``: a configuration as one file that OpenPCDet's own scripts accept."""
 
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from pathlib import Path
 
+from pcdet_avp import shipped
 from pcdet_avp.cli import run_tool
 from pcdet_avp.config import load_config
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.files import write_text
-from pcdet_avp.openpcdet.config import CHECKOUT, host_yaml
+from pcdet_avp.openpcdet.config import host_yaml
 
 SOURCES = ("cfgs/avp/cp_tiny.yaml", "cfgs/avp/cp_small.yaml", "cfgs/avp/cp_full.yaml")
 FOLDER = Path("cfgs") / "openpcdet"
@@ -34,7 +32,7 @@ def main() -> None:
         export(args.cfg, Path(args.cfg), args.out)
         return
     for source in SOURCES:
-        export(source, CHECKOUT / source, CHECKOUT / FOLDER / Path(source).name)
+        export(source, shipped.ROOT / source, shipped.home() / FOLDER / Path(source).name)
 
 
 def export(source: str, path: Path, out: Path) -> None:
@@ -42,5 +40,7 @@ def export(source: str, path: Path, out: Path) -> None:
     print(f"wrote {out}")
 
 
+run = partial(run_tool, main)
+
 if __name__ == "__main__":
-    run_tool(main)
+    run()

@@ -1,16 +1,11 @@
-"""A checkpoint of OpenPCDet's PointPillar as one of ours, and what of it was used.
-
-python tools/import_openpcdet.py --cfg cfgs/avp/ablations/from_openpcdet.yaml --ckpt host.pth --out start.pth
-python tools/train.py --cfg cfgs/avp/ablations/from_openpcdet.yaml --pretrained_model start.pth
-
-The second command takes the host's file as well; this one shows beforehand what it would do.
-"""
+"""``tools/import_openpcdet.py``: a checkpoint of OpenPCDet's PointPillar as one of ours, and what of it was used."""
 
 from __future__ import annotations
 
 import argparse
 import logging
 import sys
+from functools import partial
 from pathlib import Path
 
 from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
@@ -53,5 +48,7 @@ def terminal() -> logging.Logger:
     return logger
 
 
+run = partial(run_tool, main)
+
 if __name__ == "__main__":
-    run_tool(main)
+    run()

@@ -1,11 +1,9 @@
-"""What others need of a finished run: weights, thresholds and what they are about, without the optimiser's state.
-
-python tools/publish_weights.py --ckpt output/avp/cp_small/default/ckpt/checkpoint_epoch_30.pth --out cp_small.pth
-"""
+"""``tools/publish_weights.py``: what others need of a finished run, without the optimiser's state."""
 
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from pathlib import Path
 
 from pcdet_avp.cli import run_tool
@@ -35,5 +33,7 @@ def main() -> None:
     print(f"wrote {args.out}: weights {weights_hash(content['model_state'])}, {size:.1f} MB")
 
 
+run = partial(run_tool, main)
+
 if __name__ == "__main__":
-    run_tool(main)
+    run()

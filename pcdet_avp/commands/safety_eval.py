@@ -1,9 +1,4 @@
-"""How fast may the car drive? Crash tables by cruising speed and sensor combination.
-
-    python tools/safety_eval.py --scenario pedestrian --perception oracle          no data, no weights; seconds
-    python tools/safety_eval.py --scenario t_junction --perception los --search    the edge only
-    python tools/safety_eval.py --cfg C --ckpt F --scenario pedestrian_late --perception model
-    python tools/safety_eval.py --cfg C --ckpt F --scenario t_junction --perception model --link nr_v2x --mcs 14
+"""``avp-safety``: how fast may the car drive? Crash tables by cruising speed and sensor combination.
 
 Writes episodes.csv, summary.json, wall_times.csv and report.md with its figures, with --video films of telling
 episodes; the same command goes on where it stopped.
@@ -13,9 +8,10 @@ from __future__ import annotations
 
 import argparse
 import time
+from functools import partial
 from pathlib import Path
 
-from pcdet_avp.cli import config_parser, run_tool
+from pcdet_avp.cli import CKPT_HELP, config_parser, run_tool
 from pcdet_avp.closed_loop.perception.factory import PERCEIVERS
 from pcdet_avp.closed_loop.perception.link_options import add_link_arguments
 from pcdet_avp.closed_loop.report.report import write_report
@@ -25,15 +21,14 @@ from pcdet_avp.closed_loop.sweep.sweep import run_sweep
 from pcdet_avp.closed_loop.video.video_sweep import film_sweep
 from pcdet_avp.sim.scenarios.table import SCENARIOS
 
-CONFIGS = Path(__file__).resolve().parents[1] / "cfgs"
 SPEEDS_MPS = (3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0)
 
 
 def parse_arguments() -> argparse.Namespace:
-    parser = config_parser("Closed-loop safety.", default=str(CONFIGS / "avp" / "cp_full.yaml"))
+    parser = config_parser("Closed-loop safety.", default="cfgs/avp/cp_full.yaml")
     parser.add_argument("--scenario", required=True, metavar="S", help=", ".join(SCENARIOS))
     parser.add_argument("--perception", required=True, metavar="P", help=", ".join(PERCEIVERS))
-    parser.add_argument("--ckpt", help="trained weights, for --perception model")
+    parser.add_argument("--ckpt", help=f"for --perception model: {CKPT_HELP}")
     parser.add_argument("--use_amp", action="store_true", help="compute in bf16; a tenth faster on CPUs that have it")
     parser.add_argument("--combos", default="all", help="all, or names between commas: C+none,C+CL")
     parser.add_argument("--speeds", nargs="+", type=float, default=SPEEDS_MPS, help="cruising speeds (m/s)")
@@ -50,7 +45,7 @@ def parse_arguments() -> argparse.Namespace:
 
 def main() -> None:
     args, started = parse_arguments(), time.time()
-    sweep = sweep_of(args, CONFIGS / "closed_loop.yaml")
+    sweep = sweep_of(args, Path("cfgs", "closed_loop.yaml"))
     out = args.out or Path("output", "safety_eval", f"{args.scenario}_{args.perception}")
     finished = run_sweep(sweep, out, args.workers, args.scheduler)
     write_results(out, finished, sweep_meta(args, sweep, started))
@@ -62,5 +57,7 @@ def main() -> None:
         print(f"wrote {film}")
 
 
+run = partial(run_tool, main)
+
 if __name__ == "__main__":
-    run_tool(main)
+    run()

@@ -1,22 +1,19 @@
-"""The benchmark table of a trained network, beside the paper's.
-
-python tools/test.py --cfg cfgs/avp/cp_small.yaml --ckpt weights/cp_small.pth
-python tools/test.py --cfg cfgs/avp/cp_small.yaml --ckpt F --combos C+none,C+CL --json result.json
-python tools/test.py --cfg cfgs/avp/cp_small.yaml --eval_all          every checkpoint of a run, on the val split
-"""
+"""``avp-test``: the benchmark table of a trained network, beside the paper's."""
 
 from __future__ import annotations
 
 import argparse
+import logging
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
-from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
+from pcdet_avp.cli import CKPT_HELP, config_parser, load_arguments_config, run_tool
 from pcdet_avp.datasets.avp.splits import SPLITS
 from pcdet_avp.engine import distributed
-from pcdet_avp.engine.checkpoint import LATEST, newest_first
-from pcdet_avp.engine.outputs import RunFolder, open_log
+from pcdet_avp.engine.checkpoint import LATEST
+from pcdet_avp.engine.outputs import RunFolder, choose_checkpoint, newest_first, open_log
 from pcdet_avp.engine.testing.detect import as_scalars, parse_combos
 from pcdet_avp.engine.testing.run import TestResult, run_test
 from pcdet_avp.engine.training.monitor import write_scalars
@@ -25,7 +22,7 @@ from pcdet_avp.errors import ConfigError
 
 def parse_arguments() -> argparse.Namespace:
     parser = config_parser("Test a trained network.")
-    parser.add_argument("--ckpt", type=Path, help="checkpoint (default: the newest of the run)")
+    parser.add_argument("--ckpt", type=Path, help=CKPT_HELP)
     parser.add_argument("--combos", default="all", help="all, or names between commas: C+none,C+CL")
     parser.add_argument("--wire", action="store_true", help="send every roadside map through encoded bytes")
     parser.add_argument("--split", choices=SPLITS, help="default: test; with --eval_all: val")
@@ -51,7 +48,7 @@ def main() -> None:
         folder = RunFolder.of(args.cfg, args.extra_tag).create()
         logger = open_log(folder.evaluation, "test", ranks.is_first)
         split = args.split or ("val" if args.eval_all else "test")
-        for path in _checkpoints(args, folder):
+        for path in _checkpoints(args, folder, logger):
             how = {"split": split, "batch_size": args.batch_size, "workers": args.workers, "wire": args.wire}
             result = run_test(cfg, Path(args.cfg).stem, path, combos, ranks, logger, **how, started=time.time())
             if ranks.is_first:
@@ -60,15 +57,13 @@ def main() -> None:
         distributed.stop()
 
 
-def _checkpoints(args: argparse.Namespace, folder: RunFolder) -> list[Path]:
-    if args.ckpt:
-        return [args.ckpt]
+def _checkpoints(args: argparse.Namespace, folder: RunFolder, logger: logging.Logger) -> list[Path]:
     where = args.ckpt_dir or folder.checkpoints
+    if args.ckpt or not args.eval_all:
+        return [choose_checkpoint(args.ckpt, args.cfg, where, logger.info)]
     found = newest_first(where)
     if not found:
-        raise ConfigError(f"{where}: no checkpoint there; name one with --ckpt, or train with tools/train.py")
-    if not args.eval_all:
-        return found[:1]
+        raise ConfigError(f"--eval_all: {where}: no checkpoint there")
     return [path for path in reversed(found) if path.name != LATEST and epoch_of(path) >= args.start_epoch]
 
 
@@ -88,5 +83,7 @@ def _report(result: TestResult, path: Path, folder: RunFolder, args: argparse.Na
     print(f"\n{result.tables}\n\nwritten to {where}")
 
 
+run = partial(run_tool, main)
+
 if __name__ == "__main__":
-    run_tool(main)
+    run()

@@ -1,6 +1,4 @@
-"""The whole system in a quarter of an hour, on the embedded garage, with the weights that come with the package.
-
-    python tools/tour.py [--out output/tour] [--weights weights/cp_small.pth] [--train_minutes 3] [--episodes 3]
+"""``avp-tour``: the whole system in a quarter of an hour, on the embedded garage, with the weights of the package.
 
 Makes a small data set, tests the network on garages that it never saw, measures bytes on the air, drives, trains a
 little, and writes index.html with the pictures and tables of all that. Every step is a command that you can run
@@ -16,14 +14,16 @@ import subprocess
 import sys
 import time
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
+from pcdet_avp import commands, shipped
 from pcdet_avp.cli import run_tool
+from pcdet_avp.engine.outputs import RunFolder
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.files import write_text
 from pcdet_avp.visualization.page import Section, page
 
-ROOT = Path(__file__).resolve().parents[1]
 SCENES, SEED = 60, 7  # another seed than that of the data the weights were trained on: other garages, other people
 SPEED_MPS = 8.0
 CFG = ["--cfg", "cfgs/avp/cp_small.yaml"]
@@ -35,24 +35,31 @@ class Step:
 
     title: str
     text: str
-    command: list[str]
+    command: list[str]  # a module of pcdet_avp.commands and its arguments
     tables: list[str] = field(default_factory=list)  # patterns of files
     figures: list[str] = field(default_factory=list)
     links: list[str] = field(default_factory=list)
 
     def run(self) -> None:
         """ConfigError if the command fails; its own message stands above."""
-        print(f"\n{self.title}\n  python {shlex.join(self.command)}", flush=True)
-        done = subprocess.run([sys.executable, *self.command], cwd=ROOT, check=False)
+        print(f"\n{self.title}\n  {self.command_line}", flush=True)
+        module, *arguments = self.command
+        done = subprocess.run([sys.executable, "-m", f"{commands.__name__}.{module}", *arguments], check=False)
         if done.returncode:
-            raise ConfigError(f"the tour ended at: python {shlex.join(self.command)} (exit status {done.returncode})")
+            raise ConfigError(f"the tour ended at: {self.command_line} (exit status {done.returncode})")
+
+    @property
+    def command_line(self) -> str:
+        """As a user would type it: a script of the checkout, or of the installed package."""
+        module, *arguments = self.command
+        return shlex.join([*commands.program(module), *arguments])
 
     def section(self) -> Section:
         tables, figures, links = (
             [Path(file) for pattern in patterns for file in sorted(glob.glob(pattern))]
             for patterns in (self.tables, self.figures, self.links)
         )
-        return Section(self.title, self.text, f"python {shlex.join(self.command)}", tables, figures, links)
+        return Section(self.title, self.text, self.command_line, tables, figures, links)
 
 
 @dataclass(frozen=True)
@@ -60,7 +67,7 @@ class Tour:
     """The steps, and what they share: where results go, whose weights are used, how long training and driving take."""
 
     out: Path
-    weights: Path
+    weights: str
     train_minutes: float
     episodes: int
 
@@ -72,7 +79,7 @@ class Tour:
     @property
     def network(self) -> list[str]:
         """Arguments that name the network and its weights."""
-        return [*CFG, "--ckpt", str(self.weights)]
+        return [*CFG, "--ckpt", self.weights]
 
     @property
     def data(self) -> list[str]:
@@ -85,7 +92,7 @@ class Tour:
             "What the car and the roadside see",
             "Frames of the garage: vehicle camera, roadside camera and both point clouds from above. Boxes are green "
             "where the vehicle's camera sees most of an object, amber where part of it, red where next to nothing.",
-            ["tools/create_data.py", *CFG, "--preview", "2", *self.data],
+            ["create_data", *CFG, "--preview", "2", *self.data],
             figures=[f"{self.out}/data/preview/*.png"],
         )
 
@@ -96,8 +103,8 @@ class Tour:
             "What is detected, with and without the roadside",
             "AP of cp_small on the test split of these garages, beside the paper's. Every roadside map went through "
             "bytes. The paper's numbers come from another simulator and a far larger network.",
-            ["tools/test.py", *self.network, "--wire", *tags, "--json", str(json), *self.data],
-            tables=[f"{ROOT}/output/avp/cp_small/tour/eval/*/test/tour/table.md"],
+            ["test", *self.network, "--wire", *tags, "--json", str(json), *self.data],
+            tables=[f"{RunFolder.of(CFG[1], 'tour').evaluation.absolute()}/*/test/tour/table.md"],
             links=[str(json)],
         )
 
@@ -106,7 +113,7 @@ class Tour:
         return Step(
             "The same in pictures",
             "What the network finds with the vehicle's sensors alone, and with the roadside's maps.",
-            ["tools/demo.py", *self.network, "--frames", "20", "--out", str(out), *self.data],
+            ["demo", *self.network, "--frames", "20", "--out", str(out), *self.data],
             figures=[f"{out}/*.png", f"{out}/*.mp4"],
         )
 
@@ -116,7 +123,7 @@ class Tour:
         return Step(
             "What was sent, in how many bytes",
             "Bytes of the roadside's maps with headers and checksums, and what they are worth when blocks are lost.",
-            ["tools/bandwidth_report.py", *self.network, *what, "--out", str(out), *self.data],
+            ["bandwidth_report", *self.network, *what, "--out", str(out), *self.data],
             tables=[f"{out}/report.md"],
             figures=[f"{out}/*.png"],
         )
@@ -141,7 +148,7 @@ class Tour:
     @staticmethod
     def _safety(title: str, text: str, arguments: list[str]) -> Step:
         """A step of the closed loop; the folder it writes to is its last argument."""
-        out, command = arguments[-1], ["tools/safety_eval.py", *arguments]
+        out, command = arguments[-1], ["safety_eval", *arguments]
         return Step(title, text, command, tables=[f"{out}/report.md"], figures=[f"{out}/figures/*.png"])
 
     def train(self) -> Step:
@@ -150,21 +157,20 @@ class Tour:
             "Training",
             "A few minutes of training from scratch, to see it at work; such weights detect little. "
             "tensorboard --logdir output shows the curves.",
-            ["tools/train.py", *CFG, *how, *self.data],
+            ["train", *CFG, *how, *self.data],
         )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=ROOT / "output" / "tour", help="default: output/tour")
-    parser.add_argument("--weights", type=Path, default=ROOT / "weights" / "cp_small.pth")
+    parser.add_argument("--out", type=Path, default=Path("output", "tour"), help="default: output/tour")
+    parser.add_argument("--weights", default="weights/cp_small.pth", help="default: those of the package")
     parser.add_argument("--train_minutes", type=float, default=3.0, help="0: no training (default: 3)")
     parser.add_argument("--episodes", type=int, default=3, help="for the network at the wheel (default: 3)")
     args = parser.parse_args()
     out, started = args.out.resolve(), time.monotonic()
-    if not args.weights.exists():
-        raise ConfigError(f"--weights {args.weights}: no such file")
-    tour, done = Tour(out, args.weights.resolve(), args.train_minutes, args.episodes), []
+    shipped.find_checkpoint(args.weights)  # raises where there is none
+    tour, done = Tour(out, args.weights, args.train_minutes, args.episodes), []
     for step in tour.steps():
         step.run()
         done.append(step.section())
@@ -172,5 +178,7 @@ def main() -> None:
     print(f"\n{(time.monotonic() - started) / 60:.0f} minutes; open {out / 'index.html'}")
 
 
+run = partial(run_tool, main)
+
 if __name__ == "__main__":
-    run_tool(main)
+    run()

@@ -1,10 +1,6 @@
-"""Train a network; makes the data set first if there is none, and prints the benchmark table at the end.
+"""``avp-train``: train a network; the data set is made first if there is none, the benchmark printed at the end.
 
-    python tools/train.py --cfg cfgs/avp/cp_small.yaml                          two CPU cores, hours
-    python tools/train.py --cfg cfgs/avp/cp_small.yaml --max_minutes 90         the whole schedule in 90 minutes
-    torchrun --nproc_per_node 8 tools/train.py --cfg cfgs/avp/cp_full.yaml --launcher pytorch --use_amp
-
-Everything goes to output/<group>/<tag>/<extra_tag>/ below the working directory: checkpoints, TensorBoard, log,
+Everything goes to output/<group>/<tag>/<extra_tag>/ below the working folder: checkpoints, TensorBoard, log,
 benchmark. Stop it when you like, by Ctrl-C or otherwise; the same command goes on.
 """
 
@@ -12,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from functools import partial
 from pathlib import Path
 
 from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
@@ -125,5 +122,7 @@ def _evaluate(cfg, name, last, folder, args, ranks, logger, started) -> None:
         logger.info(f"checkpoint {last}, benchmark {where}")
 
 
+run = partial(run_tool, main)
+
 if __name__ == "__main__":
-    run_tool(main)
+    run()
