@@ -5,7 +5,7 @@
     python tools/safety_eval.py --cfg C --ckpt F --scenario pedestrian_late --perception model
     python tools/safety_eval.py --cfg C --ckpt F --scenario t_junction --perception model --link nr_v2x --mcs 14
 
-Writes episodes.csv, summary.json, wall_times.csv and report.md with its figures, with --video films of telling
+Writes episodes.csv, summary.json, wall_times.csv and report.md with its figures, with --video videos of telling
 episodes; the same command goes on where it stopped.
 """
 
