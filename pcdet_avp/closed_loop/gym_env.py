@@ -52,9 +52,6 @@ class AvpEnv(gymnasium.Env):
     """
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 20}
-        "render_modes": ["rgb_array"],
-        "render_fps": round(1 / EpisodeSettings.tick_s),
-    }
 
     def __init__(
         self,

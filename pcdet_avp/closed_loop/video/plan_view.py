@@ -32,7 +32,7 @@ class PlanView:
         self._moves = [not stands(actor) for actor in scenario.actors]
 
     def picture(self, episode: Episode, seen: Perceived, target_mps: float) -> np.ndarray:
-        """(648, 864, 3) uint8 RGB: who moves, what is ``seen`` (ego frame), the ego and its speed, at the end the outcome.
+        """(648, 864, 3) uint8 RGB: who moves, what is ``seen`` (ego frame), the ego and its speed.
 
         ``target_mps``: the target speed to print.
         """
