@@ -15,6 +15,7 @@ import hashlib
 import json
 import os
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -181,7 +182,7 @@ def _overlay(old: dict, new: dict, key: str) -> dict:
     return merged
 
 
-def require(cfg: dict, key: str, kinds: type | tuple[type, ...] | None = None) -> Any:
+def require(cfg: Mapping, key: str, kinds: type | tuple[type, ...] | None = None) -> Any:
     """The value under a dotted key; a missing one, or one of another type, is a ConfigError that names it."""
     value: Any = cfg
     for part in key.split("."):
