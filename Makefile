@@ -7,13 +7,13 @@ MINUTES ?= 3
 BIN := $(VENV)/bin
 export OMP_NUM_THREADS ?= 2
 
-.PHONY: help run test test-slow lint setup clean
+.PHONY: help run test test-slow lint typecheck setup clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/'
 
 # torch goes first and alone, so that no other package chooses its build.
-$(BIN)/.ready: setup.py constraints.txt
+$(BIN)/.ready: setup.py pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install -q "torch==$$(sed -n 's/^torch==//p' constraints.txt)"
 	$(BIN)/pip install -q -e ".[test,gym]" -c constraints.txt
@@ -33,6 +33,9 @@ test-slow: setup  ## the tests on demand
 lint: setup  ## ruff
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+
+typecheck: setup  ## mypy on structures, link, evaluation and datasets
+	$(BIN)/mypy
 
 clean:  ## remove the environment; data and output stay
 	rm -rf $(VENV)

@@ -16,6 +16,7 @@ from typing import Any
 import torch
 from torch import nn
 
+from pcdet_avp.engine.outputs import newest_first
 from pcdet_avp.errors import CheckpointError
 from pcdet_avp.models.weights.checkpoint_file import read_checkpoint
 
@@ -61,11 +62,6 @@ def weights_hash(model_state: Mapping[str, torch.Tensor]) -> str:
         digest.update(f"{key}|{value.dtype}|{tuple(value.shape)}".encode())
         digest.update(value.reshape(-1).view(torch.uint8).numpy().tobytes())
     return digest.hexdigest()[:16]
-
-
-def newest_first(folder: Path) -> list[Path]:
-    """The checkpoints of a run, the one written last first."""
-    return sorted(folder.glob("*.pth"), key=lambda path: (path.stat().st_mtime_ns, path.name), reverse=True)
 
 
 def load_newest(folder: Path, device: torch.device | str = "cpu") -> tuple[Path, dict[str, Any], list[str]] | None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from pcdet_avp.evaluation.average_precision import COLUMNS, LOOSE_IOU, STRICT_IOU
 from pcdet_avp.evaluation.inputs import Region
@@ -32,7 +33,7 @@ def benchmark_rows(
     rows = []
     for region in regions:
         where = "" if region is regions[0] else f"{region.name}/"
-        row = {"combo": combo, "region": region.name}
+        row: dict[str, Any] = {"combo": combo, "region": region.name}
         row |= {name: _class_cells(numbers, f"{where}{name}", name) for name in CLASS_NAMES}
         rows.append(row | {"bytes_per_map": {"camera": None, "lidar": None} | dict(bytes_per_map or {})})
     return rows
@@ -80,9 +81,12 @@ def _texts(cells: Mapping[str, Mapping[tuple[str, str], Cell]], combo: str) -> l
 
 def _cell(cell: Cell, alone: Cell | None) -> str:
     text = "/".join(_number(ap, ".1f") for ap in cell)
-    if alone is None or None in cell or None in alone:
+    if alone is None:
         return text
-    return f"{text} ({'/'.join(f'{ap - base:+.1f}' for ap, base in zip(cell, alone, strict=True))})"
+    gains = [a - b for a, b in zip(cell, alone, strict=True) if a is not None and b is not None]
+    if len(gains) < len(cell):
+        return text
+    return f"{text} ({'/'.join(f'{gain:+.1f}' for gain in gains)})"
 
 
 def _bytes(bytes_per_map: Mapping[str, float | None]) -> str:

@@ -42,7 +42,7 @@ def evaluate(
     """
     check_aligned(ground_truths, detections)
     detections = [d.without_ego() for d in detections]
-    numbers = {}
+    numbers: dict[str, float] = {}
     for name in class_names:
         for prefix, overlap in OVERLAPS.items():
             pairs = pair_up(ground_truths, detections, name, overlap)

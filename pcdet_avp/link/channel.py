@@ -112,7 +112,7 @@ class NrV2xChannel:
         """Send all copies of a map's blocks from a slot on, as far as the deadline allows."""
         latest_s = math.inf if self.config.deadline_ms is None else offered_s + 1e-3 * self.config.deadline_ms
         blocks = [payload for _ in range(self.config.repetitions) for payload in payloads]
-        in_time = min(len(blocks), self._slots_before(latest_s, slot))
+        in_time = int(min(len(blocks), self._slots_before(latest_s, slot)))
         self.counts.blocks_expired += len(blocks) - in_time
         for payload in blocks[:in_time]:
             slot += 1

@@ -53,7 +53,9 @@ def encode(
         raise PacketError(f"latent: expected floats (C, H, W), found {latent.dtype} {latent.shape}")
     if precision == "int8" and exponents is None:
         exponents = int8_exponents(latent)
-    fmt = MapFormat(*latent.shape, precision, () if exponents is None else tuple(int(e) for e in exponents))
+    channels, height, width = latent.shape
+    sent_exponents = () if exponents is None else tuple(int(e) for e in exponents)
+    fmt = MapFormat(channels, height, width, precision, sent_exponents)
     codes = to_codes(latent, precision, exponents)
     budget = max_segment_bytes - overhead_bytes(fmt)
     return [seal(SegmentHeader(stamp, fmt, first, cells), body) for first, cells, body in _runs(codes, fmt, budget)]

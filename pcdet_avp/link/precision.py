@@ -6,6 +6,8 @@ per channel: both directions are exact, and one byte tells it. A value that roun
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numba
 import numpy as np
 
@@ -45,7 +47,7 @@ def to_codes(latent: np.ndarray, precision: str, exponents: np.ndarray | None) -
     return np.ascontiguousarray(codes.T)
 
 
-def from_codes(codes: np.ndarray, precision: str, exponents: np.ndarray | None) -> np.ndarray:
+def from_codes(codes: np.ndarray, precision: str, exponents: np.ndarray | Sequence[int] | None) -> np.ndarray:
     """Values (C, N) float32 of codes (N, C); empty elements are +0."""
     steps = np.ones(codes.shape[1], np.float32) if precision == "float16" else _steps(exponents)
     return _look_up(codes, _VALUES[precision], steps)
@@ -61,7 +63,9 @@ def _look_up(codes, table, steps):
     return values
 
 
-def _steps(exponents: np.ndarray) -> np.ndarray:
+def _steps(exponents: np.ndarray | Sequence[int] | None) -> np.ndarray:
+    if exponents is None:
+        raise PacketError("int8 map: expected an exponent for every channel, found none")
     return np.ldexp(np.float32(1), np.asarray(exponents, dtype=np.int32))
 
 
@@ -73,7 +77,7 @@ def _float16_codes(cells: np.ndarray) -> np.ndarray:
     return codes
 
 
-def _int8_codes(cells: np.ndarray, exponents: np.ndarray) -> np.ndarray:
+def _int8_codes(cells: np.ndarray, exponents: np.ndarray | None) -> np.ndarray:
     levels = np.rint(cells.astype(np.float32, copy=False) / _steps(exponents)[:, None])
     if not np.isfinite(levels).all():
         raise PacketError("int8 map: holds NaN or infinite values")

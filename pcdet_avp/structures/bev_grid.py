@@ -49,7 +49,8 @@ class BevGrid:
             raise GeometryError(
                 f"POINT_CLOUD_RANGE needs 6 values and VOXEL_SIZE 3 with equal x and y, found {limits} and {voxel}"
             )
-        return cls(*limits, cell_m=voxel[0])
+        x_min, y_min, z_min, x_max, y_max, z_max = limits
+        return cls(x_min, y_min, z_min, x_max, y_max, z_max, cell_m=voxel[0])
 
     @property
     def range(self) -> tuple[float, float, float, float, float, float]:

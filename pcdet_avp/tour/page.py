@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
-from pcdet_avp import __version__
+from pcdet_avp import __version__, commands
 from pcdet_avp.evaluation.benchmark_table import markdown_table
 from pcdet_avp.provenance import git_commit, machine, versions
 from pcdet_avp.tour.place import SCENES, SEED
@@ -14,20 +15,19 @@ from pcdet_avp.tour.summary import comparisons, summary
 from pcdet_avp.visualization.page import Page, Section, Table
 
 TITLE = "What roadside sensors change for a car that parks itself"
-COMMANDS = (
-    ("train `cp_small` on two CPU cores, and test it", "python tools/train.py --cfg cfgs/avp/cp_small.yaml"),
-    ("train the paper's size on a GPU", "python tools/train.py --cfg cfgs/avp/cp_full.yaml --use_amp"),
+COMMANDS = (  # what for; a module of pcdet_avp.commands and its arguments
+    ("train `cp_small` on two CPU cores", "train --cfg cfgs/avp/cp_small.yaml"),
+    ("train the paper's size on a GPU", "train --cfg cfgs/avp/cp_full.yaml --use_amp"),
+    ("test weights of yours beside the paper's", "test --cfg cfgs/avp/cp_small.yaml --ckpt FILE --wire"),
     (
-        "fill the paper's crash table with the network",
-        "python tools/safety_eval.py --cfg cfgs/avp/cp_small.yaml --ckpt weights/cp_small.pth --scenario t_junction "
-        "--perception model --video",
+        "fill the paper's crash table with the network, with videos",
+        "safety_eval --cfg cfgs/avp/cp_small.yaml --scenario t_junction --perception model --video",
     ),
     (
         "the same for pedestrians between parked cars, without a network",
-        "python tools/safety_eval.py --scenario pedestrian_late --perception los --search",
+        "safety_eval --scenario pedestrian_late --perception los --search",
     ),
-    ("make the paper's data set", "python tools/create_data.py --cfg cfgs/dataset_configs/avp_full.yaml"),
-    ("use it inside OpenPCDet", 'python -c "from pcdet_avp.plugin import register; register()"'),
+    ("make the paper's data set", "create_data --cfg cfgs/dataset_configs/avp_full.yaml"),
 )
 
 
@@ -47,7 +47,10 @@ def tour_page(tour: Tour, done: Sequence[str]) -> Page:
 
 
 def _next_section() -> Section:
-    body = [[what, f"`{command}`"] for what, command in COMMANDS]
+    body = []
+    for what, words in COMMANDS:
+        module, _, arguments = words.partition(" ")
+        body.append([what, f"`{' '.join(commands.program(module))} {arguments}`"])
     table = Table("**Commands to go on with**", markdown_table(["to", "command"], body))
     return Section(
         "How to go on",
@@ -61,7 +64,7 @@ def _about(tour: Tour, findings) -> dict[str, str]:
     meta = findings.benchmark.meta if findings.benchmark else {}
     facts = {
         "data": f"{SCENES} scenes, seed {SEED}",
-        "weights": f"{tour.place.weights.name} {meta.get('weights_hash') or ''}".strip(),
+        "weights": f"{Path(tour.place.weights).name} {meta.get('weights_hash') or ''}".strip(),
         "commit": short_commit(git_commit() or "not a checkout"),
         "versions": ", ".join(f"{name} {version}" for name, version in versions().items()),
         "machine": ", ".join(f"{name} {value}" for name, value in machine().items() if value is not None),

@@ -26,7 +26,7 @@ class DataSet:
     """The tour's data set; ``cfg_file`` describes it."""
 
     root: Path
-    cfg_file: Path
+    cfg_file: str
 
     @cached_property
     def grid(self) -> BevGrid:

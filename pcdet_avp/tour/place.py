@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
 from pcdet_avp.closed_loop.sweep.results import Results, read_results
+from pcdet_avp.engine.outputs import RunFolder
 from pcdet_avp.tour.pictures import DataSet
 from pcdet_avp.tour.results import Benchmark, read_json
 
-ROOT = Path(__file__).resolve().parents[2]
-CFG_FILE = ROOT / "cfgs" / "avp" / "cp_small.yaml"
+CFG_FILE = "cfgs/avp/cp_small.yaml"
 SCENES, SEED = 60, 7  # another seed than that of the data the weights were trained on: other garages, other people
 SPLIT, TAG = "test", "tour"
 
 
 @dataclass(frozen=True)
 class Place:
-    """The tour's folder and its weights; what the commands left there, and the arguments that they share."""
+    """The tour's folder and its weights, as the user names them; what the commands left there, and the arguments that
+    they share."""
 
     out: Path
-    weights: Path
+    weights: str
 
     @property
     def data(self) -> DataSet:
@@ -29,8 +29,8 @@ class Place:
 
     @property
     def table_file(self) -> Path:
-        """The table that ``tools/test.py`` leaves in its own folder."""
-        return ROOT / "output" / "avp" / "cp_small" / TAG / "eval" / self.weights.stem / SPLIT / TAG / "table.md"
+        """The table that testing leaves in the folder of its run."""
+        return RunFolder.of(CFG_FILE, TAG).evaluation / Path(self.weights).stem / SPLIT / TAG / "table.md"
 
     def benchmark(self) -> Benchmark:
         return Benchmark.read(self.out / "benchmark.json", self.table_file)
@@ -44,12 +44,12 @@ class Place:
 
     @property
     def cfg_arguments(self) -> list[str]:
-        return ["--cfg", short(CFG_FILE)]
+        return ["--cfg", CFG_FILE]
 
     @property
     def network_arguments(self) -> list[str]:
         """Network and weights."""
-        return [*self.cfg_arguments, "--ckpt", short(self.weights)]
+        return [*self.cfg_arguments, "--ckpt", self.weights]
 
     @property
     def data_arguments(self) -> list[str]:
@@ -59,9 +59,4 @@ class Place:
 
     def path(self, name: str) -> str:
         """As commands name it."""
-        return short(self.out / name)
-
-
-def short(path: Path) -> str:
-    """Relative to the folder that commands run in where it lies below it: pages are shown to others."""
-    return os.path.relpath(path, ROOT) if path.is_relative_to(ROOT) else str(path)
+        return str(self.out / name)

@@ -8,15 +8,15 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from pcdet_avp import commands
 from pcdet_avp.errors import ConfigError
-from pcdet_avp.tour.place import ROOT
 from pcdet_avp.visualization.page import Section, Table
 from pcdet_avp.visualization.page.parts import Part
 
 
 @dataclass(frozen=True)
 class Step:
-    """command: a tool and its arguments. parts: reads what the command left; called once it has succeeded."""
+    """command: a module of ``pcdet_avp.commands`` and its arguments. parts: reads what the command left; called once it has succeeded."""
 
     title: str
     text: str
@@ -25,12 +25,15 @@ class Step:
 
     @property
     def command_line(self) -> str:
-        return f"python {shlex.join(self.command)}"
+        """As a user would type it: a script of the checkout, or of the installed package."""
+        module, *arguments = self.command
+        return shlex.join([*commands.program(module), *arguments])
 
     def run(self) -> None:
         """ConfigError if the command fails; its own message stands above."""
         print(f"\n{self.title}\n  {self.command_line}", flush=True)
-        done = subprocess.run([sys.executable, *self.command], cwd=ROOT, check=False)
+        module, *arguments = self.command
+        done = subprocess.run([sys.executable, "-m", f"{commands.__name__}.{module}", *arguments], check=False)
         if done.returncode:
             raise ConfigError(f"the tour ended at: {self.command_line} (exit status {done.returncode})")
 

@@ -58,7 +58,7 @@ class Tour:
             "Every scene has a garage of its own; a mast at the junction carries the roadside's camera and LiDAR. "
             "Shown are the frames with the most pedestrians that only the roadside sees, as long as the vehicle's "
             "camera sees as many road users well; one frame of a scene.",
-            ["tools/create_data.py", *place.cfg_arguments, "--preview", str(PICTURES), *place.data_arguments],
+            ["create_data", *place.cfg_arguments, "--preview", str(PICTURES), *place.data_arguments],
             lambda: preview_pictures(place.data, PICTURES, place.out / "narrow"),
         )
 
@@ -68,7 +68,7 @@ class Tour:
             "What is detected without and with the roadside",
             "Average precision on garages that the network never saw. Every roadside map was encoded to bytes and "
             "decoded again.",
-            ["tools/test.py", *self.place.network_arguments, *tags, *self.place.data_arguments],
+            ["test", *self.place.network_arguments, *tags, *self.place.data_arguments],
             lambda: parts.benchmark_parts(self.place),
         )
 
@@ -78,7 +78,7 @@ class Tour:
             "Detections in pictures",
             "Frames of garages that the network never saw, chosen as those above: by labels, before anything was "
             "detected.",
-            ["tools/demo.py", *self.place.network_arguments, *what, *self.place.data_arguments],
+            ["demo", *self.place.network_arguments, *what, *self.place.data_arguments],
             lambda: parts.demo_pictures(self.place, PICTURES),
         )
 
@@ -87,7 +87,7 @@ class Tour:
         return Step(
             "How many bytes the roadside sends",
             "Feature maps as they go on the air, and what they are worth when transport blocks are lost.",
-            ["tools/bandwidth_report.py", *self.place.network_arguments, *what, *self.place.data_arguments],
+            ["bandwidth_report", *self.place.network_arguments, *what, *self.place.data_arguments],
             lambda: parts.bandwidth_parts(self.place),
         )
 
@@ -97,7 +97,7 @@ class Tour:
             "How fast the car may drive if everything in line of sight is known",
             "No network is involved: what any sensor in use has in line of sight is known at once. That is the limit "
             "of the sensors' places.",
-            ["tools/safety_eval.py", *what, "--out", self.place.path("los")],
+            ["safety_eval", *what, "--out", self.place.path("los")],
             lambda: parts.limit_parts(self.place, SCENARIO),
         )
 
@@ -108,7 +108,7 @@ class Tour:
             f"Driving with the trained network at {SPEED_MPS:g} m/s",
             "Rendered cameras and LiDARs, encoded roadside maps, detection and braking in a closed loop. So few "
             "episodes show how it works; they do not tell a rate.",
-            ["tools/safety_eval.py", *self.place.network_arguments, *what, *how, "--out", self.place.path("model")],
+            ["safety_eval", *self.place.network_arguments, *what, *how, "--out", self.place.path("model")],
             lambda: parts.drive_parts(self.place, SCENARIO, SPEED_MPS, ALONE),
         )
 
@@ -118,5 +118,5 @@ class Tour:
             "Training",
             f"{self.train_minutes:g} minutes of training from scratch, to see it at work; such weights detect little. "
             "`tensorboard --logdir output` shows its curves and pictures.",
-            ["tools/train.py", *self.place.cfg_arguments, *how, *self.place.data_arguments],
+            ["train", *self.place.cfg_arguments, *how, *self.place.data_arguments],
         )

@@ -14,7 +14,7 @@ from pcdet_avp.datasets.avp.augment import Augmentor
 from pcdet_avp.datasets.avp.collate import collate
 from pcdet_avp.datasets.avp.manifest import MANIFEST_FILE, read_manifest
 from pcdet_avp.datasets.avp.network_input import NetworkInput
-from pcdet_avp.datasets.avp.prepare import prepare
+from pcdet_avp.datasets.avp.prepare import PrepareConfig, prepare
 from pcdet_avp.datasets.avp.record import read_frame
 from pcdet_avp.errors import ConfigError, RecordError
 from pcdet_avp.evaluation import Detections, GroundTruth, Region, evaluate
@@ -35,6 +35,9 @@ class AvpDataset(torch.utils.data.Dataset):
     ``(integer, "C+CL")``, so that absent sensors are not even read, or with ``(integer, "C+CL", epoch)``: then the
     augmentation is the epoch's, whatever ``set_epoch`` says (workers may prefetch beyond the present epoch).
     """
+
+    class_names: list[str]  # these two and the other fields of NetworkInput are set by __init__
+    prepare_config: PrepareConfig
 
     def __init__(
         self,

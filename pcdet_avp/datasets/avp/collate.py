@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import torch
@@ -18,7 +19,10 @@ def collate(samples: Sequence[dict]) -> dict:
     Ragged ones: points (P, 1 + C) with the sample's number in column 0; gt_boxes (B, M, 8) zero padded. Also
     batch_size int and frame_id (B,) str; images (B, h, w, 3), but images_infra (B, 3, h, w).
     """
-    batch = {"batch_size": len(samples), "frame_id": np.array([sample["frame_id"] for sample in samples])}
+    batch: dict[str, Any] = {
+        "batch_size": len(samples),
+        "frame_id": np.array([sample["frame_id"] for sample in samples]),
+    }
     for key in [key for key in samples[0] if key not in batch]:
         values = [sample[key] for sample in samples]
         if key in RAGGED:

@@ -46,7 +46,8 @@ class PrepareConfig:
     @property
     def depth_shape(self) -> tuple[int, int]:
         """Rows and columns of a depth map; the last ones may cover fewer image pixels than the others."""
-        return tuple(-(-n // self.depth_downsample) for n in self.image_shape)
+        rows, columns = self.image_shape
+        return -(-rows // self.depth_downsample), -(-columns // self.depth_downsample)
 
 
 def _point_features(used: list[str]) -> int:

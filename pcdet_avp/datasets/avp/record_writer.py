@@ -9,6 +9,7 @@ import uuid
 import zlib
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -89,7 +90,7 @@ def _camera(view: AgentView, agent: str, files: Files) -> dict | None:
     camera = view.camera
     if camera is None:
         return None
-    entry = {
+    entry: dict[str, Any] = {
         **{key: int(getattr(camera, key)) for key in ("width", "height")},
         **{key: float(getattr(camera, key)) for key in ("fx", "fy", "cx", "cy")},
         "agent_from_camera": _matrix(camera.agent_from_camera),

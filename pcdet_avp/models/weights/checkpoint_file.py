@@ -6,12 +6,12 @@ import io
 import os
 import pickle
 import zipfile
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 
+from pcdet_avp import shipped
 from pcdet_avp.errors import CheckpointError
 
 UNREADABLE = (RuntimeError, EOFError, KeyError, ValueError, AttributeError, TypeError)
@@ -26,7 +26,7 @@ THRESHOLDS_KEY = "score_thresholds"  # of a checkpoint: class -> score from whic
 def read_checkpoint(path: str | os.PathLike, device: torch.device | str = "cpu") -> dict[str, Any]:
     """The content of a checkpoint, a mapping with ``model_state``; CheckpointError if it cannot be read."""
     try:
-        file = io.BytesIO(Path(path).read_bytes())
+        file = io.BytesIO(shipped.find_checkpoint(path).read_bytes())
     except OSError as error:
         raise CheckpointError(f"{path}: cannot read this checkpoint ({error.strerror})") from error
     try:
