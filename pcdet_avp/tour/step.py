@@ -16,7 +16,8 @@ from pcdet_avp.visualization.page.parts import Part
 
 @dataclass(frozen=True)
 class Step:
-    """command: a module of ``pcdet_avp.commands`` and its arguments. parts: reads what the command left; called once it has succeeded."""
+    """command: a module of ``pcdet_avp.commands`` and its arguments. parts: reads what it left; called once it has
+    succeeded."""
 
     title: str
     text: str
