@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+from pcdet_avp.closed_loop.report.report import SCENARIOS
 from pcdet_avp.closed_loop.sweep.results import Results
 from pcdet_avp.config import load_config
 from pcdet_avp.datasets.avp.manifest import read_manifest
@@ -46,11 +47,13 @@ class DataSet:
 def preview_pictures(data: DataSet, count: int, narrow_folder: Path) -> list[Picture]:
     """What ``create_data.py --preview`` drew: both cameras, both clouds from above."""
     return [
-        _frame_picture(data, chosen, data.root / "preview", narrow_folder, panels=1)(
+        Picture(
+            data.root / "preview" / _name(chosen),
             f"Frame {chosen.frame_id}: vehicle camera, roadside camera, and both point clouds from above with boxes.",
             f"{_counts(chosen)} Boxes are green where the vehicle's camera sees most of a road user, amber where it "
             "sees part of it, red where it sees next to nothing. Below, both point clouds from above: the vehicle's "
             "in blue, the roadside's in orange.",
+            _narrow(data, chosen, data.root / "preview", narrow_folder, panels=1),
         )
         for chosen in data.telling(count)
     ]
@@ -59,14 +62,20 @@ def preview_pictures(data: DataSet, count: int, narrow_folder: Path) -> list[Pic
 def detection_pictures(data: DataSet, split: str, count: int, folder: Path, narrow_folder: Path) -> list[Picture]:
     """What ``demo.py --pictures`` drew: detections without and with the roadside."""
     return [
-        _frame_picture(data, chosen, folder, narrow_folder, panels=2)(
+        Picture(
+            folder / _name(chosen),
             f"Frame {chosen.frame_id}: detections on both camera images, and from above without and with the roadside.",
             f"{_counts(chosen)} Detected cars are amber, detected pedestrians pink, true boxes thin and green. The "
             "views from above: first with the vehicle's camera and LiDAR alone (`CL+none`), then with the roadside's "
             "as well (`CL+CL`).",
+            _narrow(data, chosen, folder, narrow_folder, panels=2),
         )
         for chosen in data.telling(count, split)
     ]
+
+
+def _name(chosen: TellingFrame) -> str:
+    return f"{chosen.frame_id.replace('/', '_')}.png"
 
 
 def _counts(chosen: TellingFrame) -> str:
@@ -76,39 +85,17 @@ def _counts(chosen: TellingFrame) -> str:
     )
 
 
-def _frame_picture(data: DataSet, chosen: TellingFrame, folder: Path, narrow_folder: Path, panels: int):
-    """A function of alternative text and caption; writes the picture's narrow form. ``panels``: in the lower row."""
-    file = folder / f"{chosen.frame_id.replace('/', '_')}.png"
-    image = read_picture(file)
+def _narrow(data: DataSet, chosen: TellingFrame, folder: Path, narrow_folder: Path, panels: int) -> Path:
+    """The picture of a frame with its panels below one another; ``panels``: how many the lower row has."""
+    image = read_picture(folder / _name(chosen))
     camera = read_frame(data.root, chosen.frame_id, sources=()).ego.camera
     above = round(WIDTH_PX // 2 * camera.height / camera.width)
-    narrow = narrow_folder / f"{folder.name}_{file.name}"
-    write_picture(narrow, stacked(image, [(above, 2), (image.shape[0] - above, panels)]))
-    return lambda alt, caption: Picture(file, alt, caption, narrow)
+    file = narrow_folder / f"{folder.name}_{_name(chosen)}"
+    write_picture(file, stacked(image, [(above, 2), (image.shape[0] - above, panels)]))
+    return file
 
 
-def episode_video(results: Results, scenario: str, perception: str, combo: str, folder: Path) -> Video:
-    """The video of one combination of a sweep; ConfigError where there is none."""
-    found = sorted(folder.glob(f"{scenario}_{perception}_{combo}_*_stills.jpg"))
-    files = [file for still in found for file in sorted(folder.glob(f"{still.stem.removesuffix('_stills')}.*"))]
-    if not files:
-        raise ConfigError(f"{folder}: no video of {scenario}, {perception}, {combo}")
-    speed, trial = files[0].stem.rsplit("_", 2)[1:]
-    how = _outcome(results, scenario, perception, combo, float(speed), trial)
-    vehicle, roadside = (SENSORS[part] for part in combo.split("+"))
-    who = f"{results.meta.get('config')} with the vehicle's {vehicle.replace(', ', ' and ')}"
-    who += " alone" if roadside == "none" else f" and the roadside's {roadside.replace(', ', ' and ')}"
-    poster, stills = (files[0].with_name(f"{files[0].stem}_{name}.jpg") for name in ("poster", "stills"))
-    return Video(
-        files[0],
-        f"Video: the car approaches the T-junction at {speed} m/s with {who}; {how}.",
-        f"**T-junction, episode {trial}, {speed} m/s, {who}: {how}.** {LEGEND[roadside != 'none']}",
-        poster if poster.exists() else None,
-        stills,
-    )
-
-
-LEGEND = {
+LEGENDS = {  # by whether the roadside is used
     True: "Left: both cameras. Right: the garage from above with true road users green, what is detected with the "
     "roadside pink, and what the same vehicle would detect alone blue. Below: the car's speed, its target speed, and "
     "the target speed that the vehicle's own detections would ask for.",
@@ -117,9 +104,37 @@ LEGEND = {
 }
 
 
+def episode_video(results: Results, scenario: str, perception: str, combo: str, folder: Path) -> Video:
+    """The newest video of one combination of a sweep; ConfigError where there is none."""
+    stem = _newest(folder, f"{scenario}_{perception}_{combo}_")
+    speed, trial = stem.rsplit("_", 2)[1:]
+    how = _outcome(results, scenario, perception, combo, float(speed), trial)
+    where, who = f"{SCENARIOS[scenario]}, {speed} m/s", f"{results.meta.get('config')} with {_sensors(combo)}"
+    return Video(
+        next(file for file in folder.glob(f"{stem}.*")),
+        f"Video: {where}, driven by {who}; {how}.",
+        f"**{where}, episode {trial}, driven by {who}: {how}.** {LEGENDS[not combo.endswith('+none')]}",
+        folder / f"{stem}_poster.jpg",
+        folder / f"{stem}_stills.jpg",
+    )
+
+
+def _newest(folder: Path, start: str) -> str:
+    """The stem of a video; its stills are written last."""
+    stills = sorted(folder.glob(f"{start}*_stills.jpg"), key=lambda file: (file.stat().st_mtime, file.name))
+    if not stills:
+        raise ConfigError(f"{folder}: expected a video {start}..., found none")
+    return stills[-1].stem.removesuffix("_stills")
+
+
+def _sensors(combo: str) -> str:
+    vehicle, roadside = (SENSORS[part].replace(", ", " and ") for part in combo.split("+"))
+    return f"the vehicle's {vehicle}" + (" alone" if roadside == "none" else f" and the roadside's {roadside}")
+
+
 def _outcome(results: Results, scenario: str, perception: str, combo: str, speed: float, trial: str) -> str:
-    rows: Sequence = results.row(scenario, perception, combo)[speed].episodes
-    row = next(row for row in rows if row["trial"] == trial)
+    episodes = results.row(scenario, perception, combo)[speed].episodes
+    row = next(row for row in episodes if row["trial"] == trial)
     if row["outcome"] == "none":
         return "no contact"
     return f"contact with the car's {row['outcome']} at {float(row['impact_speed_mps']):.1f} m/s"

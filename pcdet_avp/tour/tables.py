@@ -138,7 +138,7 @@ def _spelled(lines: Sequence[str]) -> list[str]:
 def _drive_cells(cell: Cell, paper: Tally, speed_mps: float) -> list[str]:
     means = {name: _mean(cell, name) for name in ("mean_speed_mps", "message_bytes", "message_age_s")}
     maps = NOTHING
-    if means["message_bytes"] is not None:
+    if (cell.measured("messages") > 0).any():
         maps = f"{1e-3 * means['message_bytes']:.1f} kB, {1e3 * means['message_age_s']:.0f} ms"
     theirs = _crashes(*paper[speed_mps]) if speed_mps in paper else NOTHING
     distance, speed = metres(first_detection(cell)), one_decimal(means["mean_speed_mps"])

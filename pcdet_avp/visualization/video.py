@@ -12,8 +12,8 @@ import numpy as np
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.files import make_folder, write_bytes
 
-# The first that this OpenCV can write is taken: VP9 and H.264 play in browsers, the others in desktop players.
-CODECS = (("vp09", ".mp4"), ("avc1", ".mp4"), ("mp4v", ".mp4"), ("MJPG", ".avi"))
+# The first that this OpenCV can write is taken: VP9 plays in browsers, the others in desktop players.
+CODECS = (("vp09", ".mp4"), ("mp4v", ".mp4"), ("MJPG", ".avi"))
 
 
 def write_picture(file: Path, image: np.ndarray) -> None:

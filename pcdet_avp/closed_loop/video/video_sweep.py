@@ -23,7 +23,7 @@ def write_sweep_videos(sweep: Sweep, finished: Finished, folder: Path) -> list[P
     files = []
     for case in telling_cases(row for row in rows if row.combo in (*sweep.combos, ANY_COMBO)):
         file = folder / f"{case.scenario}_{case.perception}_{case.combo}_{case.speed:g}_{case.trial}.mp4"
-        if not any(folder.glob(f"{file.stem}_stills.*")):
+        if not all(any(folder.glob(f"{file.stem}_{name}.*")) for name in ("poster", "stills")):
             sensor_set = SensorSet.parse("CL+CL" if case.combo == ANY_COMBO else case.combo)
             scenario = case_scenario(sweep.job(case))
             write_episode_video(

@@ -50,8 +50,8 @@ def report_html(file: Path, level: int) -> Markup:
     for index, element in enumerate(list(root)):
         if element.tag == "table":
             root[index] = _scrolling(element, caption)
-        else:
-            caption = _caption_of(element) or caption
+        elif (found := _caption_of(element)) is not None:
+            caption = found
         for image in element.iter("img"):
             _embed(image, file.parent)
     return _inner(root)
