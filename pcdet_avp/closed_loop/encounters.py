@@ -27,7 +27,7 @@ class Encounters:
         self.crashed = False
         self.contact: Contact | None = None
         self.met: int | None = None  # object id of whom the ego touched in ``contact``
-        self.impact_speed = 0.0
+        self.impact_speed_mps = 0.0
 
     def threats(self) -> list[Actor]:
         """Those who come into the ego's way and have not touched it."""
@@ -79,14 +79,16 @@ class Encounters:
         return ride.end
 
     def _meet(self, contact: Contact, actor: Actor, speed: float) -> None:
-        """Any contact with a vehicle ends the drive; a walker's counts while the ego moves and ends it at the front."""
+        """Any contact with a vehicle ends the drive. With a pedestrian it counts while the ego moves, and only
+        one at the front ends the drive.
+        """
         self._touched.add(actor.object_id)
         vehicle = actor.name == "Car"
         if not vehicle and speed < STANDS_BELOW_MPS:
             return
         self.crashed = vehicle or contact.front
         if self.crashed or self.contact is None:
-            self.contact, self.met, self.impact_speed = contact, actor.object_id, speed
+            self.contact, self.met, self.impact_speed_mps = contact, actor.object_id, speed
 
 
 def ego_box(x: float, lane_y: float) -> np.ndarray:

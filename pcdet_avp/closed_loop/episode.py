@@ -23,10 +23,10 @@ from pcdet_avp.structures.sensor_set import SensorSet
 
 
 def run_episode(
-    scenario: Scenario, perceiver: Perceiver, combo: SensorSet, settings: EpisodeSettings | None = None
+    scenario: Scenario, perceiver: Perceiver, sensor_set: SensorSet, settings: EpisodeSettings | None = None
 ) -> EpisodeLog:
     """Drive by the policy until the ego has met somebody, has passed everybody, or the time is up."""
-    episode = Episode(scenario, perceiver, combo, settings)
+    episode = Episode(scenario, perceiver, sensor_set, settings)
     while not episode.over:
         _, target = episode.look()
         episode.move(target)
@@ -37,16 +37,16 @@ class Episode:
     """A drive between two ticks: ``look``, then ``move`` at a target speed, until it is ``over``; then ``log``."""
 
     def __init__(
-        self, scenario: Scenario, perceiver: Perceiver, combo: SensorSet, settings: EpisodeSettings | None = None
+        self, scenario: Scenario, perceiver: Perceiver, sensor_set: SensorSet, settings: EpisodeSettings | None = None
     ) -> None:
         self.scenario, self.settings = scenario, settings or EpisodeSettings()
-        self.state = LongitudinalState(scenario.ego_start_x, scenario.cruising)
-        self._perceiver, self._combo = perceiver, combo
+        self.state = LongitudinalState(scenario.ego_start_x, scenario.cruising_mps)
+        self._perceiver, self._sensor_set = perceiver, sensor_set
         self._world, self._tick = scenario.world(), 0
-        self._orders = deque([scenario.cruising] * self.settings.lag_ticks)
+        self._orders = deque([scenario.cruising_mps] * self.settings.lag_ticks)
         self._driver = Driver.for_episode(scenario, self.settings)  # by what is perceived
         self._informed = Driver.for_episode(scenario, self.settings)  # by the truth
-        self._measurements = Measurements(scenario.cruising)
+        self._measurements = Measurements(scenario.cruising_mps)
         self._encounters = Encounters(scenario, self._world)
         self._rows: list[tuple[float, ...]] = []
         self._perceived: list[Perceived | None] = []
@@ -84,7 +84,7 @@ class Episode:
 
     def look(self) -> tuple[Perceived | None, float]:
         """What is perceived now (None while nobody can matter), and the target speed (m/s) that the policy asks for."""
-        seen, target = self._decide() if self._awake() else (None, self.scenario.cruising)
+        seen, target = self._decide() if self._awake() else (None, self.scenario.cruising_mps)
         if self.settings.keep_perceived:
             self._perceived.append(seen)
         return seen, target
@@ -100,7 +100,7 @@ class Episode:
 
     def _decide(self) -> tuple[Perceived, float]:
         ego, users = self._world.world_from_ego, self._world.road_users()
-        seen = self._perceiver.perceive(self._world, self._tick, self._combo)
+        seen = self._perceiver.perceive(self._world, self._tick, self._sensor_set)
         target = self._driver.decide(seen.boxes, seen.names, ego)
         truth = self._informed.decide(transform_boxes(ego.inverse(), users.boxes), users.names, ego)
         self._measurements.decision(target, truth)
@@ -152,8 +152,8 @@ class Episode:
             crashed=self.crashed,
             finished=self.crashed or self.passed,
             crash_time_s=None if contact is None else contact.time_s,
-            impact_speed=self._encounters.impact_speed,
+            impact_speed_mps=self._encounters.impact_speed_mps,
             duration_s=end_s,
-            mean_speed=(self.state.position - self.scenario.ego_start_x) / end_s,
+            mean_speed_mps=(self.state.position - self.scenario.ego_start_x) / end_s,
             **self._measurements.figures(self._encounters.met),
         )

@@ -22,12 +22,12 @@ class EpisodeFigures:
     crashed: bool  # whether the contact ended the drive: any with a vehicle, a pedestrian's with the front
     finished: bool  # False: the time was up before the ego had passed everybody
     crash_time_s: float | None  # of the contact, whether it was a crash or not
-    impact_speed: float  # m/s
+    impact_speed_mps: float
     min_distance_m: float
     min_ttc_s: float
-    hardest_deceleration: float  # m/s2, >= 0
-    hardest_jerk: float  # m/s3, its magnitude
-    mean_speed: float  # m/s
+    hardest_deceleration_mps2: float  # >= 0
+    hardest_jerk_mps3: float  # its magnitude
+    mean_speed_mps: float
     false_brake_share: float  # of the ticks awake: asked to go slower than the truth would have asked
     first_detection_m: float  # ahead of the bumper: the threat that was noticed last, when it was first noticed
     missed_outside: int  # threats that mattered and went unseen, summed over ticks: outside every field of view

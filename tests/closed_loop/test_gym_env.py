@@ -52,7 +52,7 @@ def test_by_the_papers_law_it_is_run_episode(name, perceiver):
         np.testing.assert_array_equal(log.targets, expected.targets)
         crashed = log.figures.crashed
         assert crashed == (name == "t_junction" and perceiver is not ORACLE)
-        driven = log.figures.mean_speed * (log.figures.crash_time_s if crashed else len(log.times) * 0.05)
+        driven = log.figures.mean_speed_mps * (log.figures.crash_time_s if crashed else len(log.times) * 0.05)
         assert total == pytest.approx(driven - CRASH_COST * crashed)
 
 
@@ -89,7 +89,7 @@ def test_who_stands_still_is_cut_off_by_the_time_limit():
 
 @pytest.mark.parametrize("name", [kind.gym_id for kind in SCENARIOS.values() if kind.gym_id])
 def test_gymnasium_has_no_complaint(name):
-    env = gymnasium.make(name, cruising=7.0)
+    env = gymnasium.make(name, cruising_mps=7.0)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", ".*symmetric and normalized space")  # ours is in m/s, for people

@@ -72,7 +72,7 @@ def _pace(cell: Cell | None) -> tuple[str, str]:
     """Mean speed, and the share of false braking in percent."""
     if cell is None:
         return NOTHING, NOTHING
-    pace, false_braking = (finite_mean(cell.values(column)) for column in ("mean_speed", "false_brake_share"))
+    pace, false_braking = (finite_mean(cell.values(column)) for column in ("mean_speed_mps", "false_brake_share"))
     return table_text(pace), table_text(false_braking, 100)
 
 

@@ -145,8 +145,8 @@ def _law_section(figures: Path) -> list[str]:
     return [
         "## The law of the target speed",
         "",
-        "What the car aims at for a walker ahead, as a share of its cruising speed (the paper's heat map). Distances",
-        "are those from the front bumper and from the car's centre line to the nearest point of the walker's box.",
+        "What the car aims at for a pedestrian ahead, as a share of its cruising speed (the paper's heat map).",
+        "Distances are those from the front bumper and from the car's centre line to the nearest point of the box.",
         "",
         *_picture(figures / "target_speed.png", law_figure(), "Heat map of the target speed"),
     ]

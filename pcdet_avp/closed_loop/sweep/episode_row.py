@@ -30,7 +30,7 @@ class EpisodeRow:
     messages: int  # used in all
     message_bytes: float | None  # mean size
     message_age_s: float | None  # mean age when used
-    max_lateral_acceleration: float  # m/s2, of the other vehicle on its rails
+    max_lateral_acceleration_mps2: float  # m/s2, of the other vehicle on its rails
 
     @classmethod
     def of(cls, case: Case, scenario: Scenario, log: EpisodeLog) -> EpisodeRow:
@@ -41,7 +41,7 @@ class EpisodeRow:
             messages=len(messages),
             message_bytes=finite_mean(message.bytes for message in messages),
             message_age_s=finite_mean(message.age_s for message in messages),
-            max_lateral_acceleration=scenario.max_lateral_acceleration,
+            max_lateral_acceleration_mps2=scenario.max_lateral_acceleration_mps2,
         )
 
     @classmethod
@@ -63,13 +63,23 @@ _PARTS = Case._fields, [f.name for f in fields(EpisodeFigures)], [f.name for f i
 COLUMNS = tuple(name for names in _PARTS for name in names)
 
 
+FORMER_NAMES = {  # of columns, in files written before units stood in every name
+    "impact_speed": "impact_speed_mps",
+    "hardest_deceleration": "hardest_deceleration_mps2",
+    "hardest_jerk": "hardest_jerk_mps3",
+    "mean_speed": "mean_speed_mps",
+    "max_lateral_acceleration": "max_lateral_acceleration_mps2",
+}
+
+
 def current_columns(values: Mapping[str, Any]) -> dict[str, Any]:
     """A line of ``episodes.csv`` or of a journal with today's columns, whichever version wrote it.
 
     Up to commit c063a55 there was no column ``crashed``: a contact with the front was a crash, and at the T-junction
     one with the side, too.
     """
+    values = {FORMER_NAMES.get(name, name): value for name, value in values.items()}
     if "crashed" in values:
-        return dict(values)
+        return values
     side_counts = str(values["scenario"]).startswith("t_junction")
     return {**values, "crashed": values["outcome"] == "front" or (values["outcome"] == "side" and side_counts)}

@@ -61,7 +61,7 @@ def _parsed(line: bytes, where: str) -> tuple[EpisodeRow, float]:
     try:
         entry = json.loads(line)
         return EpisodeRow.from_columns(entry["row"]), float(entry["wall_s"])
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise RecordError(
             f"{where}: not a finished episode of this version ({error!r}); choose another --out or remove it"
         ) from error

@@ -81,15 +81,15 @@ def _cell(rows: list[EpisodeRow]) -> dict[str, Any]:
         "front": sum(f.outcome == "front" for f in figures),
         "side": sum(f.outcome == "side" for f in figures),
         "unfinished": sum(not f.finished for f in figures),
-        "mean_speed": finite_mean(f.mean_speed for f in figures),
+        "mean_speed_mps": finite_mean(f.mean_speed_mps for f in figures),
         "false_brake_share": finite_mean(f.false_brake_share for f in figures),
-        "impact_speed": finite_mean(f.impact_speed for f in figures if f.crashed),
+        "impact_speed_mps": finite_mean(f.impact_speed_mps for f in figures if f.crashed),
         "min_distance_m": finite_mean(f.min_distance_m for f in figures),
         "first_detection_m": finite_mean(f.first_detection_m for f in figures),
-        "hardest_deceleration": max(f.hardest_deceleration for f in figures),
+        "hardest_deceleration_mps2": max(f.hardest_deceleration_mps2 for f in figures),
         "missed_outside": sum(f.missed_outside for f in figures),
         "missed_occluded": sum(f.missed_occluded for f in figures),
-        "max_lateral_acceleration": max(row.max_lateral_acceleration for row in rows),
+        "max_lateral_acceleration_mps2": max(row.max_lateral_acceleration_mps2 for row in rows),
     }
 
 
@@ -115,7 +115,7 @@ def crash_table(cells: Sequence[Mapping[str, Any]], speeds: Sequence[float]) -> 
         by_speed = {cell["speed"]: cell for cell in found}
         lines.append(_line(" ".join(key), speeds, by_speed, lambda c: f"{c['crashes']}/{c['trials']}"))
         lines.append(_line("  side contacts", speeds, by_speed, lambda c: str(c["side"])))
-        lines.append(_line("  mean speed, m/s", speeds, by_speed, lambda c: f"{c['mean_speed']:.1f}"))
+        lines.append(_line("  mean speed, m/s", speeds, by_speed, lambda c: f"{c['mean_speed_mps']:.1f}"))
         lines.append(_line("  false-brake share", speeds, by_speed, lambda c: f"{c['false_brake_share']:.2f}"))
     return "\n".join(lines)
 

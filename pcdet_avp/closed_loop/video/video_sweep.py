@@ -1,4 +1,4 @@
-"""Which episodes of a sweep are worth a film, and the films."""
+"""Which episodes of a sweep are worth a video, and the videos."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from pcdet_avp.closed_loop.sweep.case import ANY_COMBO, case_scenario, case_sens
 from pcdet_avp.closed_loop.sweep.episode_row import Case, EpisodeRow
 from pcdet_avp.closed_loop.sweep.journal import Finished
 from pcdet_avp.closed_loop.sweep.sweep import Sweep
-from pcdet_avp.closed_loop.video.video import film_episode
+from pcdet_avp.closed_loop.video.video import write_episode_video
 from pcdet_avp.sim.scenarios.table import find_scenario
 
 
-def film_sweep(sweep: Sweep, finished: Finished, folder: Path) -> list[Path]:
-    """A film and its stills for every sensor combination of the sweep; those that lie there already are left alone."""
+def write_sweep_videos(sweep: Sweep, finished: Finished, folder: Path) -> list[Path]:
+    """A video and its stills for every sensor combination of the sweep; those that lie there already are left alone."""
     rows = [row for row, _ in finished.values() if row.case[:2] == (sweep.scenario, sweep.perception)]
     perceiver = build_perceiver(sweep.perception, perceiver_settings(sweep.perceiver))
     settings = EpisodeSettings.from_config(sweep.closed_loop)
@@ -25,7 +25,7 @@ def film_sweep(sweep: Sweep, finished: Finished, folder: Path) -> list[Path]:
         file = folder / f"{case.scenario}_{case.perception}_{case.combo}_{case.speed:g}_{case.trial}.mp4"
         if not any(folder.glob(f"{file.stem}_stills.*")):
             what = case_scenario(sweep.job(case)), perceiver, case_sensors(case), sweep.perceiver["data_cfg"]
-            film_episode(*what, file, _title(sweep, case), settings)
+            write_episode_video(*what, file, _title(sweep, case), settings)
         files.append(file)
     return files
 

@@ -23,7 +23,7 @@ from pcdet_avp.sim.scenarios.scenario import Scenario
 class ScenarioKind:
     """A scenario by its name on the command line and in ``episodes.csv``.
 
-    ``draw(name, seed, trial, cruising)`` gives the blueprint of one episode. Seed and trial alone decide on garage,
+    ``draw(name, seed, trial, cruising_mps)`` gives the blueprint of one episode. Seed and trial alone decide on garage,
     people and timing, so that all speeds (m/s) and sensor sets are compared on the same ones. ConfigError where a
     speed does not fit. A sweep sends ``draw`` to other processes: it is a function of a module, not a lambda.
     """
@@ -34,11 +34,11 @@ class ScenarioKind:
     paper_table: str | None = None  # "III" or "IV": the paper's crashes that belong beside ours
     gym_id: str | None = None  # of the Gymnasium environment; None: there is none
 
-    def scenario(self, seed: int, trial: int, cruising: float) -> Scenario:
+    def scenario(self, seed: int, trial: int, cruising_mps: float) -> Scenario:
         """One episode's blueprint; ConfigError for a bad speed."""
-        if not (math.isfinite(cruising) and cruising > 0):
-            raise ConfigError(f"speed: expected more than 0 m/s, found {cruising}")
-        return self.draw(self.name, seed, trial, cruising)
+        if not (math.isfinite(cruising_mps) and cruising_mps > 0):
+            raise ConfigError(f"speed: expected more than 0 m/s, found {cruising_mps}")
+        return self.draw(self.name, seed, trial, cruising_mps)
 
 
 LATE = CrossingConfig(
@@ -96,6 +96,6 @@ def find_scenario(name: str) -> ScenarioKind:
     return find_entry(SCENARIOS, name, "scenario")
 
 
-def draw_scenario(name: str, seed: int, trial: int, cruising: float) -> Scenario:
+def draw_scenario(name: str, seed: int, trial: int, cruising_mps: float) -> Scenario:
     """One episode's blueprint; its plan is the same at every speed. ConfigError for an unknown name or a bad speed."""
-    return find_scenario(name).scenario(seed, trial, cruising)
+    return find_scenario(name).scenario(seed, trial, cruising_mps)

@@ -110,7 +110,7 @@ def test_the_summary_counts_what_the_episodes_say(reference):
         own = [r for r in rows if (r["perception"], float(r["speed"])) == (cell["perception"], cell["speed"])]
         assert cell["trials"] == len(own) == 3
         assert cell["crashes"] == cell["front"] == sum(r["outcome"] == "front" for r in own)
-        assert cell["mean_speed"] == pytest.approx(sum(float(r["mean_speed"]) for r in own) / 3, rel=1e-4)
+        assert cell["mean_speed_mps"] == pytest.approx(sum(float(r["mean_speed_mps"]) for r in own) / 3, rel=1e-4)
         assert 0.0 <= cell["ci95"][0] <= cell["crashes"] / 3 <= cell["ci95"][1] <= 1.0
     oracle = next(entry for entry in found["max_safe_speed"] if entry["perception"] == "oracle")
     assert oracle["speed"] == 8.0
@@ -136,7 +136,7 @@ def test_what_ended_the_drive_is_counted_whatever_the_scenario_is_called(referen
 
 
 def test_cases_are_paired(in_this_process):
-    """Trial 1 of blind, at any speed and with any combination's name, meets the same first walker at the same place."""
+    """Trial 1 of blind, at any speed and with any combination's name, meets the same pedestrian at the same place."""
     rows = [
         run_case(asked(perception="blind").job(Case("pedestrian", "blind", combo, speed, 1)))[0]
         for combo in ("C+none", "CL+CL")

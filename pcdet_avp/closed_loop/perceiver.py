@@ -1,0 +1,19 @@
+"""The path under which perceptions were published; they live in ``closed_loop.perception``."""
+
+from pcdet_avp.closed_loop.perception.factory import build_perceiver
+from pcdet_avp.closed_loop.perception.perceiver import (
+    Message,
+    Missed,
+    Perceived,
+    Perceiver,
+    PerceiverSettings,
+)
+
+__all__ = [
+    "Message",
+    "Missed",
+    "Perceived",
+    "Perceiver",
+    "PerceiverSettings",
+    "build_perceiver",
+]
