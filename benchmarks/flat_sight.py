@@ -65,8 +65,9 @@ def crossed(eye: np.ndarray, points: np.ndarray, walls: np.ndarray) -> np.ndarra
 def row(name: str, perceiver: Perceiver, combo: str, args: argparse.Namespace) -> str:
     episodes = (draw_scenario(args.scenario, args.seed, trial, args.speed) for trial in range(args.trials))
     logs = [run_episode(scenario, perceiver, SensorSet.parse(combo)) for scenario in episodes]
-    crashes = sum(log.outcome != "none" for log in logs)
-    return f"{name:<12} {crashes:>3}/{args.trials:<4} {np.median([log.first_detection_m for log in logs]):>10.1f}"
+    crashes = sum(log.figures.crashed for log in logs)
+    first_m = np.median([log.figures.first_detection_m for log in logs])
+    return f"{name:<12} {crashes:>3}/{args.trials:<4} {first_m:>10.1f}"
 
 
 def main() -> None:

@@ -16,13 +16,12 @@ import time
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from pcdet_avp.cli import config_parser, run_tool
-from pcdet_avp.closed_loop.episode_log import EpisodeRow
 from pcdet_avp.closed_loop.perception.link_options import LinkOptions, add_link_arguments, given_link_options
 from pcdet_avp.closed_loop.sweep.arguments import sweep_meta, sweep_of
 from pcdet_avp.closed_loop.sweep.crash_statistics import crash_interval
+from pcdet_avp.closed_loop.sweep.episode_row import EpisodeRow
+from pcdet_avp.closed_loop.sweep.numbers import finite_mean
 from pcdet_avp.closed_loop.sweep.sweep import run_sweep
 from pcdet_avp.evaluation.benchmark_table import markdown_table
 from pcdet_avp.files import write_json, write_text
@@ -66,12 +65,12 @@ def drive(args: argparse.Namespace, change: dict[str, Any], folder: Path) -> lis
     sweep = sweep_of(argparse.Namespace(**{**vars(args), **change}), LOOP_FILE)
     finished = run_sweep(sweep, folder, args.workers)
     rows = [finished[case][0] for case in sorted(finished)]
-    return [row for row in rows if row.perception == "model"]
+    return [row for row in rows if row.case.perception == "model"]
 
 
 def line(setting: str, combo: str, speed: float, rows: list[EpisodeRow]) -> dict[str, Any]:
     """One row of the table as values."""
-    crashes = sum(row.crashed for row in rows)
+    crashes = sum(row.figures.crashed for row in rows)
     return {
         "setting": setting,
         "combo": combo,
@@ -79,15 +78,10 @@ def line(setting: str, combo: str, speed: float, rows: list[EpisodeRow]) -> dict
         "crashes": crashes,
         "trials": len(rows),
         "ci95": list(crash_interval(crashes, len(rows))),
-        "first_detection_m": _mean([row.first_detection_m for row in rows]),
-        "mean_speed_mps": _mean([row.mean_speed_mps for row in rows]),
-        "message_age_s": _mean([row.message_age_s for row in rows]),
+        "first_detection_m": finite_mean(row.figures.first_detection_m for row in rows),
+        "mean_speed_mps": finite_mean(row.figures.mean_speed_mps for row in rows),
+        "message_age_s": finite_mean(row.message_age_s for row in rows),
     }
-
-
-def _mean(values: list[float | None]) -> float | None:
-    found = [value for value in values if value is not None and np.isfinite(value)]
-    return float(np.mean(found)) if found else None
 
 
 def shown(row: dict[str, Any]) -> list[str]:
@@ -128,8 +122,8 @@ def main() -> None:
     for name, change in settings(args).items():
         folder = args.out / name.replace(" ", "_").replace("%", "percent")
         rows = drive(args, change, folder)
-        for combo, speed in sorted({(row.combo, row.speed) for row in rows}):
-            lines.append(line(name, combo, speed, [row for row in rows if (row.combo, row.speed) == (combo, speed)]))
+        for combo, speed in sorted({row.case[2:4] for row in rows}):
+            lines.append(line(name, combo, speed, [row for row in rows if row.case[2:4] == (combo, speed)]))
     meta = sweep_meta(args, sweep_of(args, LOOP_FILE), started)
     page = "\n".join(report(args, meta, lines)) + "\n"
     write_json(args.out / "link_safety.json", {"meta": meta, "rows": lines})

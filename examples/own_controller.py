@@ -49,8 +49,9 @@ def main() -> None:
     env = gymnasium.make(ENVIRONMENT, cruising_mps=args.speed)
     for name, own in (("the paper's law", False), ("own controller", True)):
         logs = [drive(env, trial, args.speed, own) for trial in range(args.episodes)]
-        crashes = sum(log.outcome == "front" for log in logs)
-        pace, brake = np.mean([log.mean_speed_mps for log in logs]), max(log.hardest_deceleration_mps2 for log in logs)
+        crashes = sum(log.figures.crashed for log in logs)
+        pace = np.mean([log.figures.mean_speed_mps for log in logs])
+        brake = max(log.figures.hardest_deceleration_mps2 for log in logs)
         print(f"{name:16s} {crashes}/{len(logs)} crashes, mean {pace:.1f} m/s, hardest braking {brake:.1f} m/s2")
 
 

@@ -100,9 +100,10 @@ def main() -> None:
         for trial in range(args.episodes):
             scenario = draw_scenario(name, 0, trial, args.speed)
             log = run_episode(scenario, perceiver, SensorSet.parse("C+CL"))
+            found = log.figures
             print(
-                f"{name:12s} episode {trial}: contact {log.outcome:5s}, mean {log.mean_speed_mps:.1f} m/s, "
-                f"first detection {log.first_detection_m:.1f} m ahead, false braking {log.false_brake_share:.0%}"
+                f"{name:12s} episode {trial}: contact {found.outcome:5s}, mean {found.mean_speed_mps:.1f} m/s, "
+                f"first detection {found.first_detection_m:.1f} m ahead, false braking {found.false_brake_share:.0%}"
             )
 
 

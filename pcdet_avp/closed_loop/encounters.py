@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pcdet_avp.closed_loop.contact import MAX_STEP_S, Contact, first_contact
-from pcdet_avp.closed_loop.measurements import Measurements
+from pcdet_avp.closed_loop.contact import MAX_STEP_S, Contact, first_contact, separation, time_to_collision
 from pcdet_avp.sim.actors import Actor, box_at, floor_box
 from pcdet_avp.sim.dynamics import Drive, LongitudinalState
 from pcdet_avp.sim.scenarios.scenario import Scenario
@@ -50,27 +49,34 @@ class Encounters:
                 self._world.release(number, start_s + float(moment))
                 del self._waiting[number]
 
-    def resolve(self, ride: Drive, start_s: float, measurements: Measurements) -> LongitudinalState:
-        """Let the ego meet whom it meets during a ride that begins at ``start_s``; its state at the end or crash.
+    def resolve(self, ride: Drive, start_s: float) -> tuple[LongitudinalState, np.ndarray, np.ndarray]:
+        """Let the ego meet whom it meets during a ride that begins at ``start_s``.
 
-        Distances and times to collision at the start are noted in ``measurements``.
+        Returns its state at the end or crash; and for the N threats that it had not touched before, at the start,
+        distances (N,) in m and times to collision (N,) in s, infinite where motion goes on without one.
         """
-        near = self._near(ride, start_s, measurements)
+        threats = self.threats()
+        distances, times = self._surroundings(ride, start_s, threats)
+        near = [actor for actor, distance in zip(threats, distances, strict=True) if distance < NEAR_M]
+        return self._state_after(ride, start_s, near), distances, times
+
+    def _surroundings(self, ride: Drive, start_s: float, threats: Sequence[Actor]) -> tuple[np.ndarray, np.ndarray]:
+        """Distances and times to collision (N,) of the ego from threats at the start of a ride."""
+        motions = [actor.trajectory.at(start_s) for actor in threats]
+        boxes = [floor_box(motion, actor.spec.size) for motion, actor in zip(motions, threats, strict=True)]
+        velocity = [(m.speed * np.cos(m.yaw) - ride.speeds[0], m.speed * np.sin(m.yaw)) for m in motions]
+        boxes = np.reshape(boxes, (-1, 7))
+        egos = np.broadcast_to(ego_box(ride.positions[0], self._scenario.layout.lane_y), boxes.shape)
+        return separation(egos, boxes), time_to_collision(egos, boxes, np.reshape(velocity, (-1, 2)))
+
+    def _state_after(self, ride: Drive, start_s: float, near: Sequence[Actor]) -> LongitudinalState:
+        """The ego's state at the end of a ride in which it may meet those near, or at the crash."""
         for contact, actor in contacts(ride, start_s, self._scenario.layout.lane_y, near) if near else ():
             state = state_at(ride, contact.time_s - start_s)
             self._meet(contact, actor, state.speed)
             if self.crashed:
                 return state
         return ride.end
-
-    def _near(self, ride: Drive, start_s: float, measurements: Measurements) -> list[Actor]:
-        """Threats whom the ego may meet within the ride."""
-        threats, ego = self.threats(), ego_box(ride.positions[0], self._scenario.layout.lane_y)
-        motions = [actor.trajectory.at(start_s) for actor in threats]
-        boxes = [floor_box(motion, actor.spec.size) for motion, actor in zip(motions, threats, strict=True)]
-        velocity = [(m.speed * np.cos(m.yaw) - ride.speeds[0], m.speed * np.sin(m.yaw)) for m in motions]
-        apart = measurements.surroundings(ego, np.reshape(boxes, (-1, 7)), np.reshape(velocity, (-1, 2)))
-        return [actor for actor, distance in zip(threats, apart, strict=True) if distance < NEAR_M]
 
     def _meet(self, contact: Contact, actor: Actor, speed: float) -> None:
         """Any contact with a vehicle ends the drive. With a pedestrian it counts while the ego moves, and only

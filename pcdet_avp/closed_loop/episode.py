@@ -11,11 +11,11 @@ import numpy as np
 
 from pcdet_avp.closed_loop.driver import Driver
 from pcdet_avp.closed_loop.encounters import Encounters
-from pcdet_avp.closed_loop.episode_log import EpisodeLog
+from pcdet_avp.closed_loop.episode_log import EpisodeFigures, EpisodeLog
 from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
 from pcdet_avp.closed_loop.measurements import Measurements
 from pcdet_avp.closed_loop.perception.perceiver import Message, Perceived, Perceiver
-from pcdet_avp.sim.dynamics import LongitudinalState, drive
+from pcdet_avp.sim.dynamics import Drive, LongitudinalState, drive
 from pcdet_avp.sim.scenarios.scenario import Scenario
 from pcdet_avp.sim.world import World
 from pcdet_avp.structures.boxes import transform_boxes
@@ -45,8 +45,8 @@ class Episode:
         self._perceiver, self._sensor_set = perceiver, sensor_set
         self._world, self._tick = scenario.world(), 0
         self._orders = deque([scenario.cruising_mps] * self.settings.lag_ticks)
-        rules = (scenario.cruising_mps, scenario.junction, self.settings.hold_ticks, self.settings.from_bumper)
-        self._driver, self._informed = Driver(*rules), Driver(*rules)  # by what is perceived, and by the truth
+        self._driver = Driver.for_episode(scenario, self.settings)  # by what is perceived
+        self._informed = Driver.for_episode(scenario, self.settings)  # by the truth
         self._measurements = Measurements(scenario.cruising_mps)
         self._encounters = Encounters(scenario, self._world)
         self._rows: list[tuple[float, ...]] = []
@@ -123,22 +123,24 @@ class Episode:
         self._rows.append((self.time_s, start.position, start.speed, start.acceleration, order))
         self._encounters.release(ride, self.time_s)
         self._measurements.ride(ride)
-        self.state = self._encounters.resolve(ride, self.time_s, self._measurements) if self._near else ride.end
+        self.state = self._meet(ride) if self._near else ride.end
         if not self.crashed:
             self._world.advance_to((self._tick + 1) * self.settings.tick_s)
             self._world.set_ego(self.state.position, self.scenario.layout.lane_y, 0.0)
         self._tick += 1
 
+    def _meet(self, ride: Drive) -> LongitudinalState:
+        """The state after a ride in which the ego meets whom it meets; how near others are is noted."""
+        state, distances_m, ttc_s = self._encounters.resolve(ride, self.time_s)
+        self._measurements.surroundings(distances_m, ttc_s)
+        return state
+
     def log(self) -> EpisodeLog:
         """What has happened since the start; a tick at least must have passed."""
-        contact, met = self._encounters.contact, self._encounters.met
-        end_s = contact.time_s if self.crashed else self.time_s
         times, positions, speeds, accelerations, targets = np.array(self._rows).T
         return EpisodeLog(
-            outcome="none" if contact is None else ("front" if contact.front else "side"),
-            finished=self.crashed or self.passed,
-            crash_time_s=None if contact is None else contact.time_s,
-            crash_object=met,
+            figures=self._figures(),
+            crash_object=self._encounters.met,
             times=times,
             positions=positions,
             speeds=speeds,
@@ -146,8 +148,18 @@ class Episode:
             targets=targets,
             perceived=tuple(self._perceived),
             messages=tuple(self._messages),
+        )
+
+    def _figures(self) -> EpisodeFigures:
+        contact = self._encounters.contact
+        end_s = contact.time_s if self.crashed else self.time_s
+        return EpisodeFigures(
+            outcome="none" if contact is None else ("front" if contact.front else "side"),
+            crashed=self.crashed,
+            finished=self.crashed or self.passed,
+            crash_time_s=None if contact is None else contact.time_s,
             impact_speed_mps=self._encounters.impact_speed_mps,
             duration_s=end_s,
             mean_speed_mps=(self.state.position - self.scenario.ego_start_x) / end_s,
-            **self._measurements.figures(met),
+            **self._measurements.figures(self._encounters.met),
         )

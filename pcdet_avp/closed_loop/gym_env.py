@@ -25,15 +25,10 @@ from pcdet_avp.closed_loop.perception.oracle import Oracle
 from pcdet_avp.closed_loop.perception.perceiver import Perceived, Perceiver, PerceiverSettings
 from pcdet_avp.closed_loop.video.plan_view import PlanView
 from pcdet_avp.errors import ConfigError
-from pcdet_avp.sim.scenarios.table import draw_scenario
+from pcdet_avp.sim.scenarios.table import SCENARIOS, find_scenario
 from pcdet_avp.structures.frame import CLASS_NAMES
 from pcdet_avp.structures.sensor_set import SensorSet
 
-IDS = {
-    "pcdet_avp/PedestrianCrossing-v0": "pedestrian",
-    "pcdet_avp/LatePedestrianCrossing-v0": "pedestrian_late",
-    "pcdet_avp/TJunction-v0": "t_junction",
-}
 MAX_BOXES = 64
 FAR_M, FAST_MPS = 200.0, 50.0  # observations are clipped here
 CRASH_COST = 200.0  # more than the metres of any drive
@@ -65,8 +60,8 @@ class AvpEnv(gymnasium.Env):
         """``perceiver`` None: the oracle. ``combo``: the sensors that it may use."""
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ConfigError(f"render_mode: expected None or 'rgb_array', found {render_mode!r}")
-        draw_scenario(scenario, 0, 0, cruising_mps)  # a wrong name or speed shows now
-        self._scenario, self._cruising_mps, self._combo = scenario, cruising_mps, SensorSet.parse(combo)
+        self._kind, self._cruising_mps, self._combo = find_scenario(scenario), cruising_mps, SensorSet.parse(combo)
+        self._kind.scenario(0, 0, cruising_mps)  # a wrong speed shows now
         self._perceiver = perceiver or Oracle(PerceiverSettings(PAPER_RANGE))
         self._settings = replace(settings or EpisodeSettings(), keep_perceived=True)
         self._episode: Episode | None = None
@@ -83,10 +78,10 @@ class AvpEnv(gymnasium.Env):
         )
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):
-        """``options``: ``seed`` and ``trial`` choose the very episode that ``draw_scenario`` draws."""
+        """``options``: ``seed`` and ``trial`` choose the very episode that a sweep drives."""
         super().reset(seed=seed)
         wanted = {"seed": int(self.np_random.integers(2**31)), "trial": 0} | (options or {})
-        scenario = draw_scenario(self._scenario, wanted["seed"], wanted["trial"], self._cruising_mps)
+        scenario = self._kind.scenario(wanted["seed"], wanted["trial"], self._cruising_mps)
         self._episode = Episode(scenario, self._perceiver, self._combo, self._settings)
         self._view = PlanView(scenario) if self.render_mode else None
         self._action_mps = self._cruising_mps
@@ -136,6 +131,12 @@ class AvpEnv(gymnasium.Env):
         return info | ({"log": self._episode.log()} if self._episode.over else {})
 
 
-for _id, _scenario in IDS.items():
-    if _id not in gymnasium.registry:
-        gymnasium.register(_id, entry_point=AvpEnv, kwargs={"scenario": _scenario})
+def register_environments() -> None:
+    """Enter the environment of every scenario that has an id. Importing this module does so; call it again for a
+    scenario that was added later."""
+    for kind in SCENARIOS.values():
+        if kind.gym_id and kind.gym_id not in gymnasium.registry:
+            gymnasium.register(kind.gym_id, entry_point=AvpEnv, kwargs={"scenario": kind.name})
+
+
+register_environments()

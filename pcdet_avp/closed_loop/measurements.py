@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pcdet_avp.closed_loop.contact import separation, time_to_collision
 from pcdet_avp.closed_loop.driver import Driver
 from pcdet_avp.closed_loop.perception.perceiver import Missed, Perceived
 from pcdet_avp.sim.actors import Actor, floor_box
@@ -30,14 +29,10 @@ class Measurements:
         self._awake_ticks, self._false_brakes = 0, 0
         self._noticed_at: dict[int, float] = {}
 
-    def surroundings(self, ego: np.ndarray, others: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """Distances (N,) m of the ego's box (7,) from boxes (N, 7) that move at ``velocity`` (N, 2) m/s relative to it;
-        the smallest is noted, and how soon the first of them would be met."""
-        egos = np.broadcast_to(ego, others.shape)
-        apart = separation(egos, others)
-        self.min_distance_m = min(self.min_distance_m, float(apart.min(initial=np.inf)))
-        self.min_ttc_s = min(self.min_ttc_s, float(time_to_collision(egos, others, velocity).min(initial=np.inf)))
-        return apart
+    def surroundings(self, distances_m: np.ndarray, ttc_s: np.ndarray) -> None:
+        """Note distances and times to collision (N,) of the threats at one moment."""
+        self.min_distance_m = min(self.min_distance_m, float(distances_m.min(initial=np.inf)))
+        self.min_ttc_s = min(self.min_ttc_s, float(ttc_s.min(initial=np.inf)))
 
     def ride(self, ride: Drive) -> None:
         """How hard the ego braked and how abruptly."""
@@ -71,7 +66,7 @@ class Measurements:
                 self.missed_occluded += not outside
 
     def figures(self, met: int | None) -> dict[str, float]:
-        """Fields of ``EpisodeLog``; ``met`` is the object id of whom the ego touched.
+        """Those of ``EpisodeFigures`` that are measured here; ``met`` is the object id of whom the ego touched.
 
         The first detection is that of the threat noticed last: 0 if the one that was met never was.
         """

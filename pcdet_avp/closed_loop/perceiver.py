@@ -1,9 +1,7 @@
 """The path under which perceptions were published; they live in ``closed_loop.perception``."""
 
-from pcdet_avp.closed_loop.perception.factory import PERCEIVERS, build_perceiver
+from pcdet_avp.closed_loop.perception.factory import build_perceiver
 from pcdet_avp.closed_loop.perception.perceiver import (
-    BASELINE,
-    SENSORLESS,
     Message,
     Missed,
     Perceived,
@@ -12,9 +10,6 @@ from pcdet_avp.closed_loop.perception.perceiver import (
 )
 
 __all__ = [
-    "BASELINE",
-    "PERCEIVERS",
-    "SENSORLESS",
     "Message",
     "Missed",
     "Perceived",

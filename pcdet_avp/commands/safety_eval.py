@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 
 from pcdet_avp.cli import CKPT_HELP, config_parser, run_tool
-from pcdet_avp.closed_loop.perception.factory import PERCEIVERS
+from pcdet_avp.closed_loop.perception.factory import PERCEPTIONS
 from pcdet_avp.closed_loop.perception.link_options import add_link_arguments
 from pcdet_avp.closed_loop.report.report import write_report
 from pcdet_avp.closed_loop.sweep.arguments import sweep_meta, sweep_of
@@ -26,8 +26,8 @@ SPEEDS_MPS = (3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0)
 
 def parse_arguments() -> argparse.Namespace:
     parser = config_parser("Closed-loop safety.", default="cfgs/avp/cp_full.yaml")
-    parser.add_argument("--scenario", required=True, metavar="S", help=", ".join(SCENARIOS))
-    parser.add_argument("--perception", required=True, metavar="P", help=", ".join(PERCEIVERS))
+    parser.add_argument("--scenario", required=True, metavar="S", help=f"{', '.join(SCENARIOS)}, or module:name")
+    parser.add_argument("--perception", required=True, metavar="P", help=f"{', '.join(PERCEPTIONS)}, or module:name")
     parser.add_argument("--ckpt", help=f"for --perception model: {CKPT_HELP}")
     parser.add_argument("--use_amp", action="store_true", help="compute in bf16; a tenth faster on CPUs that have it")
     parser.add_argument("--combos", default="all", help="all, or names between commas: C+none,C+CL")
@@ -48,11 +48,11 @@ def parse_arguments() -> argparse.Namespace:
 def main() -> None:
     args, started = parse_arguments(), time.time()
     sweep = sweep_of(args, Path("cfgs", "closed_loop.yaml"))
-    out = args.out or Path("output", "safety_eval", f"{args.scenario}_{args.perception}")
+    out = args.out or Path("output", "safety_eval", f"{sweep.scenario}_{sweep.perception}")
     finished = run_sweep(sweep, out, args.workers, args.scheduler)
     write_results(out, finished, sweep_meta(args, sweep, started))
-    rows = [finished[case][0] for case in sorted(finished) if case.scenario == args.scenario]
-    print(f"\ncrashes of trials by cruising speed, {args.scenario}\n")
+    rows = [finished[case][0] for case in sorted(finished) if case.scenario == sweep.scenario]
+    print(f"\ncrashes of trials by cruising speed, {sweep.scenario}\n")
     print(crash_table(summary(rows)["cells"], sorted(sweep.speeds)))
     print(f"\nwrote {write_report(out)}")
     for file in write_sweep_videos(sweep, finished, out / "videos") if args.video else ():

@@ -12,6 +12,8 @@ from importlib.resources import files
 
 from pcdet_avp.evaluation.average_precision import COLUMNS
 
+CRASH_TABLES = {"III": "pedestrian_crossing", "IV": "t_junction"}  # by the number that the paper gives them
+
 
 @cache
 def paper_tables() -> dict:
@@ -24,3 +26,12 @@ def paper_ap(combo: str, name: str, column: str) -> tuple[float, float]:
     rows = paper_tables()["average_precision_percent"]["rows"]
     row = next(row for row in rows if f"{row['vehicle']}+{row['infra']}" == combo)
     return tuple(row[name][COLUMNS.index(column)])
+
+
+def paper_crashes(table: str) -> dict[str, dict[float, tuple[int, int]]]:
+    """Crashes and trials of table ``"III"`` or ``"IV"``: combination -> cruising speed (m/s) -> (crashes, 20)."""
+    rows = paper_tables()["crashes_of_20"][CRASH_TABLES[table]]
+    return {
+        f"{row['vehicle']}+{row['infra']}": {float(v): (crashes, 20) for v, crashes in row["crashes"].items()}
+        for row in rows
+    }

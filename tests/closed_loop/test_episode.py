@@ -28,43 +28,43 @@ class TestOutcomes:
     def test_crash_front(self, scenes):
         """The bumper, at 5 m/s, meets a pedestrian in the middle of the lane 20 m ahead: 4 s less half a pedestrian."""
         log = drive(scenes.scene(scenes.crossing_pedestrian(20.0, 4.0)), Blind())
-        assert (log.outcome, log.finished, log.crash_object) == ("front", True, 0)
-        assert log.crash_time_s == pytest.approx((20.0 - HALF_PEDESTRIAN) / 5.0, abs=1e-6)
-        assert log.impact_speed_mps == pytest.approx(5.0)
-        assert log.mean_speed_mps == pytest.approx(5.0)
-        assert (log.min_distance_m, log.first_detection_m) == (0.0, 0.0)
+        assert (log.figures.outcome, log.figures.finished, log.crash_object) == ("front", True, 0)
+        assert log.figures.crash_time_s == pytest.approx((20.0 - HALF_PEDESTRIAN) / 5.0, abs=1e-6)
+        assert log.figures.impact_speed_mps == pytest.approx(5.0)
+        assert log.figures.mean_speed_mps == pytest.approx(5.0)
+        assert (log.figures.min_distance_m, log.figures.first_detection_m) == (0.0, 0.0)
 
     def test_crash_side(self, scenes):
         """A pedestrian reaches the flank when the bumper is 2 m past: a side contact, and the drive goes on."""
         reach_s = (HALF_WIDTH + HALF_PEDESTRIAN) / 1.5
         log = drive(scenes.scene(scenes.crossing_pedestrian(18.0, 4.0 + reach_s)), Blind())
-        assert log.outcome == "side"
-        assert log.crash_time_s == pytest.approx(4.0, abs=1e-6)
+        assert log.figures.outcome == "side"
+        assert log.figures.crash_time_s == pytest.approx(4.0, abs=1e-6)
         assert log.positions[-1] > scenes.START_X + 30.0
 
     def test_stopped_in_time(self, scenes):
         log = drive(scenes.scene(scenes.crossing_pedestrian(20.0, 4.0)), oracle())
-        assert (log.outcome, log.crash_time_s, log.impact_speed_mps) == ("none", None, 0.0)
-        assert log.finished
-        assert log.min_distance_m > 0.5
+        assert (log.figures.outcome, log.figures.crash_time_s, log.figures.impact_speed_mps) == ("none", None, 0.0)
+        assert log.figures.finished
+        assert log.figures.min_distance_m > 0.5
         assert log.speeds.min() < 2.6
-        assert log.false_brake_share == 0.0
+        assert log.figures.false_brake_share == 0.0
 
     def test_pedestrian_passes_behind(self, scenes):
         """One second late: the tail has gone 0.2 m before."""
         log = drive(scenes.scene(scenes.crossing_pedestrian(20.0, 6.0)), Blind())
-        assert (log.outcome, log.finished) == ("none", True)
-        assert 0.0 < log.min_distance_m < 2.0
+        assert (log.figures.outcome, log.figures.finished) == ("none", True)
+        assert 0.0 < log.figures.min_distance_m < 2.0
 
     def test_a_pedestrian_who_walks_into_a_standing_car_is_not_run_over(self, scenes):
         standing = scenes.pedestrian([(-0.1, -6.0), (-0.1, 6.0)])
         log = drive(scenes.scene(standing, cruising_mps=0.05), Blind(), time_limit_s=8.0)
-        assert (log.outcome, log.finished) == ("none", False)
+        assert (log.figures.outcome, log.figures.finished) == ("none", False)
 
     @pytest.mark.parametrize(("meet_s", "outcome"), [(4.0, "front"), (5.0, "side")])
     def test_any_contact_with_a_vehicle_ends_the_drive(self, scenes, meet_s, outcome):
         log = drive(scenes.scene(scenes.crossing_car(20.0, meet_s)), Blind())
-        assert log.outcome == outcome
+        assert log.figures.outcome == outcome
         assert log.times[-1] < meet_s
 
     def test_the_literal_law_never_brakes(self, scenes):
@@ -125,15 +125,15 @@ class TestTiming:
             speed=reach_m / 4.0,
         )
         log = drive(scenes.scene(crossing, release=10.1), Blind(), tick_s=tick_s)
-        assert log.outcome == "side"
-        assert log.crash_time_s == pytest.approx(6.02, abs=1e-6)
+        assert log.figures.outcome == "side"
+        assert log.figures.crash_time_s == pytest.approx(6.02, abs=1e-6)
 
 
 class TestGauges:
     def test_false_braking_is_braking_without_a_cause(self, scenes):
         far = scenes.bystander()
-        assert drive(scenes.scene(far), AlwaysSlow(), time_limit_s=5.0).false_brake_share == 1.0
-        assert drive(scenes.scene(far), Blind(), time_limit_s=5.0).false_brake_share == 0.0
+        assert drive(scenes.scene(far), AlwaysSlow(), time_limit_s=5.0).figures.false_brake_share == 1.0
+        assert drive(scenes.scene(far), Blind(), time_limit_s=5.0).figures.false_brake_share == 0.0
 
     def test_always_slow_halves_the_speed(self, scenes):
         log = drive(scenes.scene(scenes.bystander()), AlwaysSlow())
@@ -142,15 +142,15 @@ class TestGauges:
 
     def test_limits_of_the_dynamics_show_in_the_log(self, scenes):
         log = drive(scenes.scene(scenes.crossing_pedestrian(12.0, 2.4), cruising_mps=10.0), oracle())
-        assert 0 < log.hardest_deceleration_mps2 <= 10.5
-        assert log.hardest_jerk_mps3 <= 20.0 * (1 + 1e-6)
+        assert 0 < log.figures.hardest_deceleration_mps2 <= 10.5
+        assert log.figures.hardest_jerk_mps3 <= 20.0 * (1 + 1e-6)
 
     def test_distance_of_the_first_detection(self, scenes):
         """A pedestrian who stands in the lane 25 m ahead of the bumper is found at tick 40, after 10 m."""
         standing = scenes.pedestrian([(25.0, 0.0), (25.0, 1.0)], start_s=99.0)
         x = 25.0 - 10.0 + 2.4
         log = drive(scenes.scene(standing), scenes.Scripted({40: scenes.pedestrian_at(x, 0.0)}))
-        assert log.first_detection_m == pytest.approx(15.0 - HALF_PEDESTRIAN)
+        assert log.figures.first_detection_m == pytest.approx(15.0 - HALF_PEDESTRIAN)
 
 
 @pytest.mark.parametrize(

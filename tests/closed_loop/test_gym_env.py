@@ -13,16 +13,17 @@ from pcdet_avp.closed_loop.perception.oracle import Blind, Oracle
 from pcdet_avp.closed_loop.perception.perceiver import PerceiverSettings
 from pcdet_avp.closed_loop.video.episode_picture import EGO_COLOR
 from pcdet_avp.errors import ConfigError
-from pcdet_avp.sim.scenarios.table import draw_scenario
+from pcdet_avp.sim.scenarios.table import SCENARIOS, draw_scenario
 from pcdet_avp.structures.sensor_set import SensorSet
 from pcdet_avp.visualization.palette import TRUE_COLOR
 
 gymnasium = pytest.importorskip("gymnasium")
+IDS = [kind.gym_id for kind in SCENARIOS.values() if kind.gym_id]
 
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 
 from pcdet_avp.closed_loop import gym_env  # noqa: E402
-from pcdet_avp.closed_loop.gym_env import CRASH_COST, IDS, PAPER_RANGE  # noqa: E402
+from pcdet_avp.closed_loop.gym_env import CRASH_COST, PAPER_RANGE  # noqa: E402
 
 ORACLE = Oracle(PerceiverSettings(PAPER_RANGE))
 
@@ -50,15 +51,12 @@ def test_by_the_papers_law_it_is_run_episode(name, perceiver):
     for trial in range(2):
         log, total, _ = drive(env, trial, law)
         expected = run_episode(draw_scenario(name, 3, trial, 9.0), perceiver, SensorSet.parse("CL+CL"))
-        assert (log.outcome, log.crash_time_s, log.finished) == (
-            expected.outcome,
-            expected.crash_time_s,
-            expected.finished,
-        )
+        assert log.figures == expected.figures
         np.testing.assert_array_equal(log.positions, expected.positions)
         np.testing.assert_array_equal(log.targets, expected.targets)
-        crashed = name == "t_junction" and perceiver is not ORACLE
-        driven = log.mean_speed_mps * (log.crash_time_s if crashed else len(log.times) * 0.05)
+        crashed = log.figures.crashed
+        assert crashed == (name == "t_junction" and perceiver is not ORACLE)
+        driven = log.figures.mean_speed_mps * (log.figures.crash_time_s if crashed else len(log.times) * 0.05)
         assert total == pytest.approx(driven - CRASH_COST * crashed)
 
 

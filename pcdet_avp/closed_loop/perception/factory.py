@@ -1,16 +1,33 @@
-"""The table of perceptions by their command-line names."""
+"""The perceptions, one entry each: all that sweeps, reports and the command line know of them. Imports no torch."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from pcdet_avp.closed_loop.perception.line_of_sight import LineOfSight
 from pcdet_avp.closed_loop.perception.oracle import AlwaysSlow, Blind, Oracle
 from pcdet_avp.closed_loop.perception.perceiver import Perceiver, PerceiverSettings
 from pcdet_avp.errors import ConfigError
+from pcdet_avp.extensions import find_entry
 
 
-def _model(settings: PerceiverSettings) -> Perceiver:
+@dataclass(frozen=True)
+class PerceptionKind:
+    """A perception by its name on the command line and in ``episodes.csv``.
+
+    ``build(settings)`` gives the perceiver, once per process. A sweep sends it there: it is a class or function of a
+    module, not a lambda.
+    """
+
+    name: str
+    build: Callable[[PerceiverSettings], Perceiver]
+    meaning: str  # what the car is told, in the report
+    uses_sensors: bool = True  # False: the same with every sensor set, so it is run once
+    uses_network: bool = False  # True: needs ``--ckpt``, takes ``--link`` and its options
+
+
+def _network(settings: PerceiverSettings) -> Perceiver:
     """The trained network; torch is imported here and not before."""
     try:
         from pcdet_avp.closed_loop.perception.network_perceiver import build_network_perceiver
@@ -19,17 +36,50 @@ def _model(settings: PerceiverSettings) -> Perceiver:
     return build_network_perceiver(settings)
 
 
-PERCEIVERS: dict[str, Callable[[PerceiverSettings], Perceiver]] = {
-    "model": _model,
-    "oracle": Oracle,
-    "los": LineOfSight,
-    "blind": Blind,
-    "always_slow": AlwaysSlow,
-}
+_KINDS = (
+    PerceptionKind("model", _network, "the trained network", uses_network=True),
+    PerceptionKind(
+        "oracle",
+        Oracle,
+        "every road user is known (the limit of the control law and of physics)",
+        uses_sensors=False,
+    ),
+    PerceptionKind(
+        "los",
+        LineOfSight,
+        "whatever a sensor of the combination has in line of sight is known (the limit of the sensors' places)",
+    ),
+    PerceptionKind("blind", Blind, "nothing is ever perceived", uses_sensors=False),
+    PerceptionKind(
+        "always_slow",
+        AlwaysSlow,
+        "half the cruising speed near every gap and junction, whatever is there",
+        uses_sensors=False,
+    ),
+)
+PERCEPTIONS: dict[str, PerceptionKind] = {kind.name: kind for kind in _KINDS}
+BASELINE = "always_slow"  # a line of every crash table: a timid car must not win
+
+
+def add_perception(kind: PerceptionKind) -> PerceptionKind:
+    """Enter a perception of another package (``--perception its.module:name`` imports it), or enter it anew;
+    ConfigError for the name of one of ours."""
+    if kind.name in {ours.name for ours in _KINDS}:
+        raise ConfigError(f"perception {kind.name!r} belongs to pcdet_avp; choose another name")
+    PERCEPTIONS[kind.name] = kind
+    return kind
+
+
+def find_perception(name: str) -> PerceptionKind:
+    """The perception of a name, or of ``module:name``; ConfigError for an unknown one."""
+    return find_entry(PERCEPTIONS, name, "perception")
 
 
 def build_perceiver(name: str, settings: PerceiverSettings) -> Perceiver:
-    """The perceiver of that name; raises ConfigError if the name is unknown."""
-    if name not in PERCEIVERS:
-        raise ConfigError(f"unknown perception {name!r}; known: {', '.join(PERCEIVERS)}")
-    return PERCEIVERS[name](settings)
+    """The perceiver of that name; ConfigError if the name is unknown."""
+    return find_perception(name).build(settings)
+
+
+def uses_sensors(name: str) -> bool:
+    """Whether sensor sets matter to a perception; they do to one that is not known here, in somebody's results."""
+    return name not in PERCEPTIONS or PERCEPTIONS[name].uses_sensors

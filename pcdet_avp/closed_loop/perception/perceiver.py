@@ -76,7 +76,3 @@ class PerceiverSettings:
     use_amp: bool = False
     link: str = "ideal"
     options: Mapping[str, Any] = field(default_factory=dict)
-
-
-SENSORLESS = ("oracle", "blind", "always_slow")  # these see the same with every sensor combination
-BASELINE = "always_slow"  # a line of every crash table: a timid car must not win

@@ -6,22 +6,18 @@ has skipped; it is not the same as no crash. ``TOO_FEW``: so few trials cannot b
 
 from __future__ import annotations
 
-from pcdet_avp.closed_loop.perception.perceiver import BASELINE, SENSORLESS
+from pcdet_avp.closed_loop.perception.factory import BASELINE, uses_sensors
 from pcdet_avp.closed_loop.report.side_columns import SideColumn
 from pcdet_avp.closed_loop.sweep.crash_statistics import SAFE_RATE, Tally, bounded_speed, crash_interval, max_safe_speed
+from pcdet_avp.closed_loop.sweep.numbers import NOTHING, finite_mean, table_text
 from pcdet_avp.closed_loop.sweep.results import Cell, Results
 from pcdet_avp.closed_loop.sweep.roadside_gain import roadside_gain
 from pcdet_avp.evaluation.benchmark_table import markdown_table
-from pcdet_avp.evaluation.paper import paper_tables
+from pcdet_avp.evaluation.paper import paper_crashes
+from pcdet_avp.sim.scenarios.table import SCENARIOS
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
 
-NOT_RUN, NOTHING, TOO_FEW = "not run", "-", "too few"
-PAPER_SCENARIOS = {
-    "pedestrian": "pedestrian_crossing",
-    "pedestrian_late": "pedestrian_crossing",
-    "t_junction": "t_junction",
-    "t_junction_wide": "t_junction",
-}
+NOT_RUN, TOO_FEW = "not run", "too few"
 
 
 def crash_table(results: Results, scenario: str, perception: str, rate: float = SAFE_RATE) -> list[str]:
@@ -66,7 +62,7 @@ def pace_table(results: Results, scenario: str, perception: str) -> list[str]:
 def shown_lines(results: Results, scenario: str, perception: str) -> list[tuple[str, str]]:
     """Perception and combination of every line: all six where they matter, run or not, and the baseline if it was."""
     found = results.combos(scenario, perception)
-    combos = found if perception in SENSORLESS else [*SENSOR_SETS, *(c for c in found if c not in SENSOR_SETS)]
+    combos = [*SENSOR_SETS, *(c for c in found if c not in SENSOR_SETS)] if uses_sensors(perception) else found
     lines = [(perception, combo) for combo in combos]
     baseline = [(BASELINE, combo) for combo in results.combos(scenario, BASELINE)]
     return lines + [line for line in baseline if perception != BASELINE]
@@ -76,22 +72,24 @@ def _pace(cell: Cell | None) -> tuple[str, str]:
     """Mean speed, and the share of false braking in percent."""
     if cell is None:
         return NOTHING, NOTHING
-    means = (cell.measured(column) for column in ("mean_speed_mps", "false_brake_share"))
-    return tuple(f"{factor * mean.mean():.1f}" for mean, factor in zip(means, (1, 100), strict=True))
+    pace, false_braking = (finite_mean(cell.values(column)) for column in ("mean_speed_mps", "false_brake_share"))
+    return table_text(pace), table_text(false_braking, 100)
 
 
 def has_paper_rows(scenario: str, perception: str) -> bool:
     """Whether the paper's numbers belong beside ours."""
-    return scenario in PAPER_SCENARIOS and perception not in SENSORLESS
+    return paper_table(scenario) is not None and uses_sensors(perception)
+
+
+def paper_table(scenario: str) -> str | None:
+    """The number of the paper's table that belongs beside a scenario, if any."""
+    return SCENARIOS[scenario].paper_table if scenario in SCENARIOS else None
 
 
 def paper_tallies(scenario: str) -> dict[str, Tally]:
     """The paper's crashes of 20 by combination and speed; {} for a scenario that it does not have."""
-    rows = paper_tables()["crashes_of_20"].get(PAPER_SCENARIOS.get(scenario, ""), [])
-    return {
-        f"{row['vehicle']}+{row['infra']}": {float(v): (crashes, 20) for v, crashes in row["crashes"].items()}
-        for row in rows
-    }
+    table = paper_table(scenario)
+    return paper_crashes(table) if table else {}
 
 
 def gain_lines(results: Results, scenario: str, perception: str) -> list[str]:

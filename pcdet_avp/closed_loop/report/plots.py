@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pcdet_avp.closed_loop.perception.perceiver import BASELINE, SENSORLESS
+from pcdet_avp.closed_loop.perception.factory import BASELINE, uses_sensors
 from pcdet_avp.closed_loop.policy import INNER_M, OUTER_M, target_speed_law
 from pcdet_avp.closed_loop.report.crash_tables import has_paper_rows, paper_tallies
 from pcdet_avp.closed_loop.sweep.crash_statistics import Tally, crash_interval
@@ -123,7 +123,7 @@ def law_figure(cruising_mps: float = 1.0) -> Figure:
 def vehicle_panels(results: Results, scenario: str, perception: str) -> dict[str, list[str]]:
     """Title of each panel and the combinations in it: by vehicle where sensors matter."""
     found = results.combos(scenario, perception)
-    if perception in SENSORLESS:
+    if not uses_sensors(perception):
         return {"any sensors": found}
     return {title: [f"{vehicle}+{infra}" for infra in ROADSIDE] for vehicle, title in VEHICLES.items()}
 

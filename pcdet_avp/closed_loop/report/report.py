@@ -6,7 +6,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from pcdet_avp.closed_loop.perception.perceiver import BASELINE
+from pcdet_avp.closed_loop.perception.factory import BASELINE, PERCEPTIONS
 from pcdet_avp.closed_loop.report.crash_tables import (
     NOT_RUN,
     TOO_FEW,
@@ -14,6 +14,7 @@ from pcdet_avp.closed_loop.report.crash_tables import (
     gain_lines,
     has_paper_rows,
     pace_table,
+    paper_table,
     side_table,
 )
 from pcdet_avp.closed_loop.report.plots import detection_figure, law_figure, speed_crash_figure, write_figure
@@ -21,27 +22,11 @@ from pcdet_avp.closed_loop.report.side_columns import side_columns
 from pcdet_avp.closed_loop.sweep.crash_statistics import SAFE_RATE
 from pcdet_avp.closed_loop.sweep.results import Results, read_results
 from pcdet_avp.files import write_text
+from pcdet_avp.sim.scenarios.table import SCENARIOS
 
 REPORT, FIGURES = "report.md", "figures"
-SCENARIOS = {
-    "pedestrian": "Pedestrian crossing",
-    "pedestrian_late": "Pedestrian crossing, late sight",
-    "t_junction": "T-junction",
-    "t_junction_wide": "T-junction, arrival +-1 s",
-}
-PAPER_NAMES = {
-    "pedestrian": "table III",
-    "pedestrian_late": "table III",
-    "t_junction": "table IV",
-    "t_junction_wide": "table IV",
-}
-PERCEPTIONS = {
-    "oracle": "every road user is known (the limit of the control law and of physics)",
-    "los": "whatever a sensor of the combination has in line of sight is known (the limit of the sensors' places)",
-    "blind": "nothing is ever perceived",
-    "model": "the trained network",
-    "always_slow": "half the cruising speed near every gap and junction, whatever is there",
-}
+CRASHES = "a pedestrian met by the front, any contact with a vehicle"  # as ``Encounters`` counts them
+OWN_PERCEPTION = "a perception that is not part of pcdet_avp"
 
 
 def write_report(folder: Path) -> Path:
@@ -63,11 +48,18 @@ def shown_groups(results: Results) -> list[tuple[str, str]]:
 
 def title(results: Results, scenario: str, perception: str) -> str:
     """``T-junction, perception model (cp_small)``: what every table and figure is headed with."""
-    return f"{SCENARIOS.get(scenario, scenario)}, perception {_who(results, perception)}"
+    name = SCENARIOS[scenario].title if scenario in SCENARIOS else scenario
+    return f"{name}, perception {_who(results, perception)}"
 
 
 def _who(results: Results, perception: str) -> str:
-    return f"{perception} ({results.meta.get('config', 'unknown network')})" if perception == "model" else perception
+    """Which perception, and of a network which configuration."""
+    network = perception in PERCEPTIONS and PERCEPTIONS[perception].uses_network
+    return f"{perception} ({results.meta.get('config', 'unknown network')})" if network else perception
+
+
+def _meaning(perception: str) -> str:
+    return PERCEPTIONS[perception].meaning if perception in PERCEPTIONS else OWN_PERCEPTION
 
 
 def _perceptions(results: Results) -> str:
@@ -100,7 +92,7 @@ def _episodes(results: Results) -> str:
 def _section(results: Results, scenario: str, perception: str, figures: Path) -> list[str]:
     head, stem = title(results, scenario, perception), f"{scenario}_{perception}"
     curves = speed_crash_figure(results, scenario, perception, f"{head}: crashes")
-    lines = [f"## {head}", "", f"`{perception}`: {PERCEPTIONS.get(perception, 'a perception of your own')}.", ""]
+    lines = [f"## {head}", "", f"`{perception}`: {_meaning(perception)}.", ""]
     lines += _crash_part(results, scenario, perception, head)
     lines += ["", *_pace_part(results, scenario, perception, head), ""]
     lines += [*_picture(figures / f"crashes_{stem}.png", curves, f"{head}: crash rate against cruising speed")]
@@ -115,10 +107,9 @@ def _section(results: Results, scenario: str, perception: str, figures: Path) ->
 def _crash_part(results: Results, scenario: str, perception: str, head: str) -> list[str]:
     table = crash_table(results, scenario, perception)
     gains = gain_lines(results, scenario, perception)
-    counted = "any contact" if scenario.startswith("t_junction") else "a pedestrian met by the front"
-    beside = f", with the paper's {PAPER_NAMES[scenario]}" if has_paper_rows(scenario, perception) else ""
+    beside = f", with the paper's table {paper_table(scenario)}" if has_paper_rows(scenario, perception) else ""
     return [
-        f"**{head}: crashes** ({counted}) of n episodes{beside}.",
+        f"**{head}: crashes** ({CRASHES}) of n episodes{beside}.",
         "In brackets the rate's 95 % Clopper-Pearson interval in percent. Bold: the highest speed up to which no crash",
         f"occurred. Last column: the highest speed at which the one-sided 95 % bound stays below {SAFE_RATE:.0%}.",
         *_marks(table),

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pcdet_avp.closed_loop.sweep.numbers import NOTHING, finite_mean, table_text
 from pcdet_avp.closed_loop.sweep.results import Cell
 
 
@@ -74,21 +75,18 @@ def _misses(cell: Cell) -> str:
 
 def _messages(cell: Cell) -> str:
     if not _has(cell, "messages"):
-        return "- / -"
+        return f"{NOTHING} / {NOTHING}"
     return f"{_mean(cell, 'message_bytes', 1e-3)} / {_mean(cell, 'message_age_s', 1e3)}"
 
 
 def _mean(cell: Cell, column: str, factor: float = 1.0) -> str:
-    return _text(cell.measured(column), np.mean, factor)
+    return table_text(finite_mean(cell.values(column)), factor)
 
 
 def _median(cell: Cell, column: str) -> str:
-    return _text(cell.measured(column), np.median)
+    values = cell.measured(column)
+    return table_text(np.median(values) if len(values) else None)
 
 
 def _most(cell: Cell, column: str) -> str:
-    return _text(cell.measured(column), np.max)
-
-
-def _text(values: np.ndarray, statistic: Callable[[np.ndarray], float], factor: float = 1.0) -> str:
-    return f"{factor * statistic(values):.1f}" if len(values) else "-"
+    return table_text(max(cell.measured(column), default=None))

@@ -9,13 +9,14 @@ from typing import Any
 
 from pcdet_avp import shipped
 from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
+from pcdet_avp.closed_loop.perception.factory import PerceptionKind, find_perception
 from pcdet_avp.closed_loop.perception.link_options import LinkOptions, given_link_options
-from pcdet_avp.closed_loop.perception.perceiver import SENSORLESS
 from pcdet_avp.closed_loop.sweep.sweep import Sweep
 from pcdet_avp.config import apply_overrides, config_hash, load_config, plain, require
 from pcdet_avp.engine.outputs import RunFolder, choose_checkpoint
 from pcdet_avp.errors import CheckpointError, ConfigError
 from pcdet_avp.provenance import provenance
+from pcdet_avp.sim.scenarios.table import find_scenario
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
 
 LOOP = "CLOSED_LOOP."
@@ -29,22 +30,23 @@ def sweep_of(args: argparse.Namespace, loop_file: Path) -> Sweep:
     closed_loop = plain(apply_overrides(load_config(loop_file), loop_overrides))
     EpisodeSettings.from_config(closed_loop)  # raises where a key or a value is wrong
     perceiver = {"data_cfg": {key: plain(require(cfg, f"DATA_CONFIG.{key}")) for key in SENSING_KEYS}}
-    if args.perception == "model":
+    scenario, perception = find_scenario(args.scenario), find_perception(args.perception)
+    if perception.uses_network:
         perceiver |= _network(args, overrides)
     elif args.ckpt or args.use_amp or args.link != "ideal" or given_link_options(args):
         raise ConfigError(
-            f"--ckpt, --use_amp, --link and its options belong to --perception model, found {args.perception}"
+            f"--ckpt, --use_amp, --link and its options belong to --perception model, found {perception.name}"
         )
     return Sweep(
-        scenario=args.scenario,
-        perception=args.perception,
+        scenario=scenario.name,
+        perception=perception.name,
         combos=tuple(SENSOR_SETS) if args.combos == "all" else tuple(args.combos.split(",")),
         speeds=tuple(args.speeds),
         trials=args.trials,
         seed=args.seed,
         perceiver=perceiver,
         closed_loop=closed_loop,
-        identity={args.perception: _identity(args, cfg, perceiver)},
+        identity={perception.name: _identity(perception, cfg, perceiver)},
         search=args.search,
     )
 
@@ -67,11 +69,11 @@ def split_overrides(words: list[str]) -> tuple[list[str], tuple[str, ...]]:
     return loop, tuple(word for pair in pairs if not pair[0].startswith(LOOP) for word in pair)
 
 
-def _identity(args: argparse.Namespace, cfg: dict, perceiver: dict[str, Any]) -> dict[str, Any]:
+def _identity(perception: PerceptionKind, cfg: dict, perceiver: dict[str, Any]) -> dict[str, Any]:
     """What the results of a perception depend on, beside the seed and the loop."""
-    if args.perception in SENSORLESS:
+    if not perception.uses_sensors:
         return {}
-    if args.perception != "model":
+    if not perception.uses_network:
         return {"data_cfg": perceiver["data_cfg"]}
     weights, keys = perceiver["ckpt_sha256"], ("use_amp", "link", "options")
     return {"config_hash": config_hash(cfg), "weights": weights, **{key: perceiver[key] for key in keys}}

@@ -10,12 +10,10 @@ import json
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from pcdet_avp.closed_loop.episode_log import ROW_FIELDS, EpisodeRow, with_current_names
-from pcdet_avp.closed_loop.sweep.case import Case
+from pcdet_avp.closed_loop.sweep.episode_row import Case, EpisodeRow
 from pcdet_avp.errors import RecordError
 from pcdet_avp.files import write_json
 
@@ -46,14 +44,14 @@ class Journal:
 
     def add(self, row: EpisodeRow, wall_s: float) -> None:
         """Append a finished episode; it is on the disk when this returns."""
-        line = json.dumps({"row": asdict(row), "wall_s": round(wall_s, 3)}) + "\n"
+        line = json.dumps({"row": row.columns(), "wall_s": round(wall_s, 3)}) + "\n"
         if os.write(self._file, line.encode()) != len(line):
             raise RecordError(f"{self.folder / JOURNAL}: the disk is full")
         os.fsync(self._file)
         self._take(row, wall_s)
 
     def _take(self, row: EpisodeRow, wall_s: float) -> None:
-        self.finished[Case(row.scenario, row.perception, row.combo, row.speed, row.trial)] = row, wall_s
+        self.finished[row.case] = row, wall_s
 
     def close(self) -> None:
         os.close(self._file)
@@ -62,12 +60,11 @@ class Journal:
 def _parsed(line: bytes, where: str) -> tuple[EpisodeRow, float]:
     try:
         entry = json.loads(line)
-        row = with_current_names(entry["row"])
-        if set(row) != set(ROW_FIELDS):
-            raise RecordError(f"{where}: written by another version; choose another --out or remove it")
-        return EpisodeRow(**row), float(entry["wall_s"])
+        return EpisodeRow.from_columns(entry["row"]), float(entry["wall_s"])
     except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise RecordError(f"{where}: not a finished episode ({error!r})") from error
+        raise RecordError(
+            f"{where}: not a finished episode of this version ({error!r}); choose another --out or remove it"
+        ) from error
 
 
 @contextmanager

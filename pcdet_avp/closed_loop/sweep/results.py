@@ -16,12 +16,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pcdet_avp.closed_loop.episode_log import with_current_names
 from pcdet_avp.closed_loop.sweep.crash_statistics import Tally
+from pcdet_avp.closed_loop.sweep.episode_row import current_columns
 from pcdet_avp.errors import EvaluationError
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
 
 SUMMARY, EPISODES = "summary.json", "episodes.csv"
+Counts = tuple[int, int]  # crashes, trials
+Row = Mapping[str, Any]  # an episode's columns as text
 
 
 class CellKey(NamedTuple):
@@ -39,7 +41,7 @@ class Cell:
 
     crashes: int
     trials: int
-    episodes: tuple[Mapping[str, str], ...] = ()
+    episodes: tuple[Row, ...] = ()
 
     def values(self, column: str) -> np.ndarray:
         """(E,) the numbers of a column; NaN where an episode had nothing to measure (written as empty or inf)."""
@@ -104,7 +106,7 @@ def read_results(folder: Path) -> Results:
         meta = dict(summary["meta"])
     except (KeyError, TypeError, ValueError) as error:
         raise EvaluationError(f"{folder / SUMMARY}: not a summary of a sweep ({error!r})") from error
-    _check_agreement(folder, {key: trials for key, (_, trials) in cells.items()}, rows)
+    _check_agreement(folder, cells, rows)
     return Results(meta, {key: Cell(*tally, tuple(rows[key])) for key, tally in cells.items() if tally[1]})
 
 
@@ -120,32 +122,37 @@ def _read_summary(file: Path) -> dict:
 def _read_rows(file: Path) -> list[dict[str, str]]:
     try:
         with file.open(newline="", encoding="utf-8") as stream:
-            return [with_current_names(row) for row in csv.DictReader(stream)]
+            return list(csv.DictReader(stream))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise EvaluationError(f"{file}: cannot be read ({error})") from error
 
 
-def _rows_by_cell(rows: Sequence[dict[str, str]], file: Path) -> Mapping[CellKey, list[dict[str, str]]]:
+def _rows_by_cell(rows: Sequence[dict[str, str]], file: Path) -> dict[CellKey, list[Row]]:
     cells = defaultdict(list)
     for number, row in enumerate(rows, start=2):
         try:
+            values = current_columns(row)
             key = CellKey(row["scenario"], row["perception"], row["combo"], float(row["speed"]))
         except (KeyError, TypeError, ValueError) as error:
             raise EvaluationError(f"{file}: line {number} is not an episode ({error!r})") from error
-        cells[key].append(row)
+        cells[key].append(values)
     return cells
 
 
-def _check_agreement(folder: Path, trials: Mapping[CellKey, int], rows: Mapping[CellKey, Sequence]) -> None:
-    for key in dict.fromkeys([*trials, *rows]):
-        if trials.get(key, 0) != len(rows.get(key, ())):
-            raise EvaluationError(
-                f"{folder}: {SUMMARY} counts {trials.get(key, 0)} episodes of {'/'.join(map(str, key))}, "
-                f"{EPISODES} holds {len(rows.get(key, ()))}"
-            )
+def _check_agreement(folder: Path, summed: Mapping[CellKey, Counts], rows: Mapping[CellKey, Sequence[Row]]) -> None:
+    """Both files hold the same episodes and the same crashes."""
+    held = {key: (sum(str(row["crashed"]) == "True" for row in cell), len(cell)) for key, cell in rows.items()}
+    for key in dict.fromkeys([*summed, *held]):
+        ours, theirs = summed.get(key, (0, 0)), held.get(key, (0, 0))
+        for index, what in ((1, "episodes"), (0, "crashes")):
+            if ours[index] != theirs[index]:
+                raise EvaluationError(
+                    f"{folder}: {SUMMARY} counts {ours[index]} {what} of {'/'.join(map(str, key))}, "
+                    f"{EPISODES} holds {theirs[index]}"
+                )
 
 
-def _number(row: Mapping[str, str], column: str) -> float:
+def _number(row: Row, column: str) -> float:
     text = row.get(column)
     if text is None:
         raise EvaluationError(f"{EPISODES}: column {column!r} is missing")

@@ -10,12 +10,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from pcdet_avp.closed_loop.episode_log import ROW_FIELDS, EpisodeRow
-from pcdet_avp.closed_loop.sweep.case import Case
 from pcdet_avp.closed_loop.sweep.crash_statistics import SAFE_RATE, Tally, bounded_speed, crash_interval, max_safe_speed
+from pcdet_avp.closed_loop.sweep.episode_row import COLUMNS, Case, EpisodeRow
 from pcdet_avp.closed_loop.sweep.journal import Finished
+from pcdet_avp.closed_loop.sweep.numbers import csv_text, finite_mean
 from pcdet_avp.closed_loop.sweep.results import EPISODES, SUMMARY
 from pcdet_avp.files import write_json, write_text
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
@@ -28,8 +26,8 @@ def write_results(folder: Path, finished: Finished, meta: Mapping[str, Any]) -> 
     """All files of a sweep; the same episodes give the same ``episodes.csv``, in whatever order they were run."""
     ordered = [finished[case] for case in sorted(finished, key=_order)]
     rows = [row for row, _ in ordered]
-    write_text(folder / EPISODES, _csv(ROW_FIELDS, ([getattr(row, name) for name in ROW_FIELDS] for row in rows)))
-    times = ([*_case(row), row.duration_s, wall_s] for row, wall_s in ordered)
+    write_text(folder / EPISODES, _csv(COLUMNS, (row.columns().values() for row in rows)))
+    times = ([*row.case, row.figures.duration_s, wall_s] for row, wall_s in ordered)
     write_text(folder / WALL_TIMES, _csv((*Case._fields, "duration_s", "wall_s"), times))
     meta = {**meta, "commands": _commands(folder, meta), "episodes_wall_s": round(sum(s for _, s in ordered), 1)}
     write_json(folder / SUMMARY, {"meta": meta, **summary(rows)})
@@ -47,7 +45,7 @@ def _commands(folder: Path, meta: Mapping[str, Any]) -> list[str]:
 
 def summary(rows: Sequence[EpisodeRow]) -> dict[str, list[dict[str, Any]]]:
     """Crashes per cell, and per combination the speeds that they allow."""
-    cells = [_cell(list(cell)) for _, cell in itertools.groupby(rows, key=lambda row: _case(row)[:4])]
+    cells = [_cell(list(cell)) for _, cell in itertools.groupby(rows, key=lambda row: row.case[:4])]
     groups = [(key, list(found)) for key, found in itertools.groupby(cells, key=group_of)]
     return {
         "cells": cells,
@@ -73,35 +71,26 @@ def tally(cells: Iterable[Mapping[str, Any]]) -> Tally:
 
 
 def _cell(rows: list[EpisodeRow]) -> dict[str, Any]:
-    crashes = sum(row.crashed for row in rows)
+    figures = [row.figures for row in rows]
+    crashes = sum(f.crashed for f in figures)
     return {
-        **dict(zip(Case._fields[:4], _case(rows[0]), strict=False)),
+        **dict(zip(Case._fields[:4], rows[0].case, strict=False)),
         "crashes": crashes,
         "trials": len(rows),
         "ci95": list(crash_interval(crashes, len(rows))),
-        "front": sum(row.outcome == "front" for row in rows),
-        "side": sum(row.outcome == "side" for row in rows),
-        "unfinished": sum(not row.finished for row in rows),
-        "mean_speed_mps": _mean(row.mean_speed_mps for row in rows),
-        "false_brake_share": _mean(row.false_brake_share for row in rows),
-        "impact_speed_mps": _mean(row.impact_speed_mps for row in rows if row.crashed),
-        "min_distance_m": _mean(row.min_distance_m for row in rows),
-        "first_detection_m": _mean(row.first_detection_m for row in rows),
-        "hardest_deceleration_mps2": max(row.hardest_deceleration_mps2 for row in rows),
-        "missed_outside": sum(row.missed_outside for row in rows),
-        "missed_occluded": sum(row.missed_occluded for row in rows),
+        "front": sum(f.outcome == "front" for f in figures),
+        "side": sum(f.outcome == "side" for f in figures),
+        "unfinished": sum(not f.finished for f in figures),
+        "mean_speed_mps": finite_mean(f.mean_speed_mps for f in figures),
+        "false_brake_share": finite_mean(f.false_brake_share for f in figures),
+        "impact_speed_mps": finite_mean(f.impact_speed_mps for f in figures if f.crashed),
+        "min_distance_m": finite_mean(f.min_distance_m for f in figures),
+        "first_detection_m": finite_mean(f.first_detection_m for f in figures),
+        "hardest_deceleration_mps2": max(f.hardest_deceleration_mps2 for f in figures),
+        "missed_outside": sum(f.missed_outside for f in figures),
+        "missed_occluded": sum(f.missed_occluded for f in figures),
         "max_lateral_acceleration_mps2": max(row.max_lateral_acceleration_mps2 for row in rows),
     }
-
-
-def _mean(values: Iterable[float | None]) -> float | None:
-    """Of those that are finite; None where there are none."""
-    found = [value for value in values if value is not None and np.isfinite(value)]
-    return float(np.mean(found)) if found else None
-
-
-def _case(row: EpisodeRow) -> Case:
-    return Case(row.scenario, row.perception, row.combo, row.speed, row.trial)
 
 
 def _order(case: Case) -> tuple:
@@ -111,19 +100,12 @@ def _order(case: Case) -> tuple:
     return case.scenario, case.perception, rank, case.combo, case.speed, case.trial
 
 
-def _csv(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+def _csv(header: Sequence[str], rows: Iterable[Iterable[Any]]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(header)
-    writer.writerows([_text(value) for value in row] for row in rows)
+    writer.writerows([csv_text(value) for value in row] for row in rows)
     return text.getvalue()
-
-
-def _text(value: Any) -> str:
-    """Empty where nothing was measured; six digits of a real number."""
-    if value is None:
-        return ""
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def crash_table(cells: Sequence[Mapping[str, Any]], speeds: Sequence[float]) -> str:

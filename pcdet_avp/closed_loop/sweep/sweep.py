@@ -13,14 +13,14 @@ from typing import Any
 
 from tqdm import tqdm
 
-from pcdet_avp.closed_loop.perception.factory import PERCEIVERS
-from pcdet_avp.closed_loop.perception.perceiver import BASELINE, SENSORLESS
-from pcdet_avp.closed_loop.sweep.case import ANY_COMBO, Case, CaseJob, run_case
+from pcdet_avp.closed_loop.perception.factory import BASELINE, find_perception
+from pcdet_avp.closed_loop.sweep.case import ANY_COMBO, CaseJob, run_case
 from pcdet_avp.closed_loop.sweep.edge_search import next_cell
+from pcdet_avp.closed_loop.sweep.episode_row import Case
 from pcdet_avp.closed_loop.sweep.journal import Finished, Journal, open_journal
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.parallel import TaskPool, task_pool
-from pcdet_avp.sim.scenarios.table import draw_scenario
+from pcdet_avp.sim.scenarios.table import find_scenario
 from pcdet_avp.structures.sensor_set import SensorSet
 
 FEW = 10  # trials of a cell while the edge is sought
@@ -28,8 +28,11 @@ FEW = 10  # trials of a cell while the edge is sought
 
 @dataclass(frozen=True)
 class Sweep:
-    """What is asked for. ``perceiver`` and ``closed_loop`` are plain values (see ``CaseJob``); ``identity`` is what
-    must agree when a sweep goes on: perception -> whatever its results depend on."""
+    """What is asked for; ``scenario`` and ``perception`` are names of entries of their tables.
+
+    ``perceiver`` and ``closed_loop`` are plain values (see ``CaseJob``); ``identity`` is what must agree when a sweep
+    goes on: perception -> whatever its results depend on.
+    """
 
     scenario: str
     perception: str
@@ -43,8 +46,7 @@ class Sweep:
     search: bool = False
 
     def __post_init__(self) -> None:
-        if self.perception not in PERCEIVERS:
-            raise ConfigError(f"unknown perception {self.perception!r}; known: {', '.join(PERCEIVERS)}")
+        find_perception(self.perception)  # raises where there is no such perception
         if self.trials < 1:
             raise ConfigError(f"--trials: expected at least 1, found {self.trials}")
         if not self.speeds or not self.combos:
@@ -52,12 +54,12 @@ class Sweep:
         for combo in self.combos:
             SensorSet.parse(combo)
         for speed in self.speeds:
-            draw_scenario(self.scenario, self.seed, 0, speed)  # raises where there is no such scenario or speed
+            find_scenario(self.scenario).scenario(self.seed, 0, speed)  # raises where one of them cannot be
 
     @property
     def rows(self) -> list[tuple[str, str]]:
         """Perception and combination of every line of the crash table, the baseline last."""
-        combos = (ANY_COMBO,) if self.perception in SENSORLESS else self.combos
+        combos = self.combos if find_perception(self.perception).uses_sensors else (ANY_COMBO,)
         rows = [(self.perception, combo) for combo in combos]
         return rows if self.perception == BASELINE else [*rows, (BASELINE, ANY_COMBO)]
 
@@ -65,7 +67,8 @@ class Sweep:
         return [Case(self.scenario, perception, combo, speed, trial) for trial in range(trials)]
 
     def job(self, case: Case) -> CaseJob:
-        return CaseJob(case, self.seed, dict(self.perceiver), dict(self.closed_loop))
+        entries = find_scenario(case.scenario), find_perception(case.perception)
+        return CaseJob(case, *entries, self.seed, dict(self.perceiver), dict(self.closed_loop))
 
 
 def run_sweep(sweep: Sweep, folder: Path, workers: int = 2, scheduler: str | None = None) -> Finished:
@@ -132,5 +135,5 @@ def _count(sweep: Sweep, row: Sequence[str], speed: float, finished: Finished) -
     for trials in (sweep.trials, min(FEW, sweep.trials)):
         cases = sweep.cases(*row, speed, trials)
         if all(case in finished for case in cases):
-            return sum(finished[case][0].crashed for case in cases), trials
+            return sum(finished[case][0].figures.crashed for case in cases), trials
     return 0, 0

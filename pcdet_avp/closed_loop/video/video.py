@@ -75,6 +75,7 @@ class EpisodeVideo:
         self._recording, self._rig, self._tick_s = recording, rig, settings.tick_s
         scenario = recording.scenario
         self._alone = self._targets_alone(settings) if recording.sensor_set.uses_infra else None
+        self._driver = Driver.for_episode(scenario, settings)
         parked = [box_at(actor, 0.0) for actor in scenario.actors if stands(actor)]
         plan = garage_plan(scenario.layout, np.array(parked).reshape(-1, 7), MAP_SCALE)
         self._painter = EpisodePainter(
@@ -120,17 +121,15 @@ class EpisodeVideo:
         """Boxes of detections that the policy heeds (None: perception sleeps), and of those that it ignores."""
         if seen is None:
             return None, np.zeros((0, 7))
-        boxes, junction = transform_boxes(world_from_ego, seen.boxes), self._recording.scenario.junction
-        heeded = seen.names == "Pedestrian"
-        if junction is not None:
-            heeded |= (seen.names == "Car") & junction.obstructs(boxes)
+        boxes = transform_boxes(world_from_ego, seen.boxes)
+        heeded = self._driver.heeds(seen.boxes, seen.names, world_from_ego)
         return boxes[heeded], boxes[~heeded]
 
     def _banner(self) -> tuple[str, str]:
-        log = self._recording.log
-        if log.outcome == "none":
-            return ("passed without a contact" if log.finished else "time is up"), "none"
-        return f"contact with the {log.outcome} at {log.impact_speed_mps:.1f} m/s", log.outcome
+        figures = self._recording.log.figures
+        if figures.outcome == "none":
+            return ("passed without a contact" if figures.finished else "time is up"), "none"
+        return f"contact with the {figures.outcome} at {figures.impact_speed_mps:.1f} m/s", figures.outcome
 
     def _strip(self, settings: EpisodeSettings) -> TimeStrip:
         recording, log = self._recording, self._recording.log
@@ -148,7 +147,7 @@ class EpisodeVideo:
     def _targets_alone(self, settings: EpisodeSettings) -> np.ndarray:
         """(T,) the target speed that the vehicle's own detections would ask for at the same places."""
         scenario, log = self._recording.scenario, self._recording.log
-        driver = Driver(scenario.cruising_mps, scenario.junction, settings.hold_ticks, settings.from_bumper)
+        driver = Driver.for_episode(scenario, settings)
         targets = [scenario.cruising_mps] * settings.lag_ticks
         for x, seen in zip(log.positions, self._recording.alone, strict=True):
             pose = Pose.from_xyz_yaw(float(x), scenario.layout.lane_y)
@@ -161,5 +160,5 @@ def _still_ticks(ticks: range, log: EpisodeLog) -> list[int]:
     slowed = np.flatnonzero(log.targets < log.targets[0])
     first = max(int(slowed[0]) - 1, ticks.start) if len(slowed) else ticks.start
     awake = [tick for tick, seen in enumerate(log.perceived) if seen is not None and tick >= first]
-    last = awake[-1] if awake and log.outcome == "none" else ticks.stop - 1
+    last = awake[-1] if awake and log.figures.outcome == "none" else ticks.stop - 1
     return [int(tick) for tick in np.linspace(first, last, STILLS)]

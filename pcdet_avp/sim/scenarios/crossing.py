@@ -72,7 +72,7 @@ class CrossingPlan:
     crossings: tuple[Crossing, ...]
 
 
-def crossing_episode(name: str, cfg: CrossingConfig, seed: int, trial: int, cruising_mps: float) -> Scenario:
+def crossing_episode(cfg: CrossingConfig, name: str, seed: int, trial: int, cruising_mps: float) -> Scenario:
     """One episode; plan and timing follow from ``seed`` and ``trial``, whatever the speed."""
     plan = draw_plan(cfg, seed, trial)
     threats = tuple(_threat(crossing, cruising_mps) for crossing in plan.crossings)

@@ -52,7 +52,7 @@ class JunctionPlan:
     arrival_offset_s: float
 
 
-def junction_episode(name: str, cfg: JunctionConfig, seed: int, trial: int, cruising_mps: float) -> Scenario:
+def junction_episode(cfg: JunctionConfig, name: str, seed: int, trial: int, cruising_mps: float) -> Scenario:
     """One episode; plan and timing follow from ``seed`` and ``trial``, whatever the speed."""
     plan = draw_plan(cfg, seed, trial)
     zone_x = plan.junction.zone_x

@@ -1,16 +1,45 @@
-"""The scenarios of the closed loop by name."""
+"""The scenarios of the closed loop, one entry each.
+
+An entry is all that sweeps, reports, videos, the command line and Gymnasium know of a scenario. What they need beside
+the drawing is plain text, so that nothing here imports them.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 
 from pcdet_avp.errors import ConfigError
+from pcdet_avp.extensions import find_entry
 from pcdet_avp.sim.layouts import GarageConfig
 from pcdet_avp.sim.scenarios.crossing import CrossingConfig, crossing_episode
 from pcdet_avp.sim.scenarios.junction import JunctionConfig, junction_episode
 from pcdet_avp.sim.scenarios.scenario import Scenario
+
+
+@dataclass(frozen=True)
+class ScenarioKind:
+    """A scenario by its name on the command line and in ``episodes.csv``.
+
+    ``draw(name, seed, trial, cruising_mps)`` gives the blueprint of one episode. Seed and trial alone decide on garage,
+    people and timing, so that all speeds (m/s) and sensor sets are compared on the same ones. ConfigError where a
+    speed does not fit. A sweep sends ``draw`` to other processes: it is a function of a module, not a lambda.
+    """
+
+    name: str
+    draw: Callable[[str, int, int, float], Scenario]
+    title: str  # in headings
+    paper_table: str | None = None  # "III" or "IV": the paper's crashes that belong beside ours
+    gym_id: str | None = None  # of the Gymnasium environment; None: there is none
+
+    def scenario(self, seed: int, trial: int, cruising_mps: float) -> Scenario:
+        """One episode's blueprint; ConfigError for a bad speed."""
+        if not (math.isfinite(cruising_mps) and cruising_mps > 0):
+            raise ConfigError(f"speed: expected more than 0 m/s, found {cruising_mps}")
+        return self.draw(self.name, seed, trial, cruising_mps)
+
 
 LATE = CrossingConfig(
     garage=GarageConfig(slots_per_bay=(3, 3)),
@@ -21,18 +50,52 @@ LATE = CrossingConfig(
     setback_m=(2.8, 3.2),
     vans_out_m=(0.1, 0.2),
 )
-SCENARIOS: dict[str, Callable[[int, int, float], Scenario]] = {
-    "pedestrian": partial(crossing_episode, "pedestrian", CrossingConfig()),
-    "pedestrian_late": partial(crossing_episode, "pedestrian_late", LATE),
-    "t_junction": partial(junction_episode, "t_junction", JunctionConfig()),
-    "t_junction_wide": partial(junction_episode, "t_junction_wide", JunctionConfig(spread_s=1.0)),
-}
+_KINDS = (
+    ScenarioKind(
+        "pedestrian",
+        partial(crossing_episode, CrossingConfig()),
+        title="Pedestrian crossing",
+        paper_table="III",
+        gym_id="pcdet_avp/PedestrianCrossing-v0",
+    ),
+    ScenarioKind(
+        "pedestrian_late",
+        partial(crossing_episode, LATE),
+        title="Pedestrian crossing, late sight",
+        paper_table="III",
+        gym_id="pcdet_avp/LatePedestrianCrossing-v0",
+    ),
+    ScenarioKind(
+        "t_junction",
+        partial(junction_episode, JunctionConfig()),
+        title="T-junction",
+        paper_table="IV",
+        gym_id="pcdet_avp/TJunction-v0",
+    ),
+    ScenarioKind(
+        "t_junction_wide",
+        partial(junction_episode, JunctionConfig(spread_s=1.0)),
+        title="T-junction, arrival +-1 s",
+        paper_table="IV",
+    ),
+)
+SCENARIOS: dict[str, ScenarioKind] = {kind.name: kind for kind in _KINDS}
+
+
+def add_scenario(kind: ScenarioKind) -> ScenarioKind:
+    """Enter a scenario of another package (``--scenario its.module:name`` imports it), or enter it anew; ConfigError
+    for the name of one of ours."""
+    if kind.name in {ours.name for ours in _KINDS}:
+        raise ConfigError(f"scenario {kind.name!r} belongs to pcdet_avp; choose another name")
+    SCENARIOS[kind.name] = kind
+    return kind
+
+
+def find_scenario(name: str) -> ScenarioKind:
+    """The scenario of a name, or of ``module:name``; ConfigError for an unknown one."""
+    return find_entry(SCENARIOS, name, "scenario")
 
 
 def draw_scenario(name: str, seed: int, trial: int, cruising_mps: float) -> Scenario:
     """One episode's blueprint; its plan is the same at every speed. ConfigError for an unknown name or a bad speed."""
-    if name not in SCENARIOS:
-        raise ConfigError(f"unknown scenario {name!r}; known: {', '.join(SCENARIOS)}")
-    if not (math.isfinite(cruising_mps) and cruising_mps > 0):
-        raise ConfigError(f"speed: expected more than 0 m/s, found {cruising_mps}")
-    return SCENARIOS[name](seed, trial, cruising_mps)
+    return find_scenario(name).scenario(seed, trial, cruising_mps)

@@ -17,7 +17,8 @@ from pathlib import Path
 import pytest
 
 from pcdet_avp.closed_loop.sweep import sweep as sweep_module
-from pcdet_avp.closed_loop.sweep.case import Case, run_case
+from pcdet_avp.closed_loop.sweep.case import run_case
+from pcdet_avp.closed_loop.sweep.episode_row import Case
 from pcdet_avp.closed_loop.sweep.journal import JOURNAL, Journal
 from pcdet_avp.closed_loop.sweep.summary import EPISODES, SUMMARY, crash_table, summary, write_results
 from pcdet_avp.closed_loop.sweep.sweep import Sweep, run_sweep
@@ -124,14 +125,14 @@ def test_the_summary_names_all_commands_that_went_on_with_a_folder(reference, tm
     assert (meta["command"], meta["commands"]) == ("a", ["a", "b"])
 
 
-def test_a_pedestrian_in_the_side_is_no_crash_but_a_vehicle_is(reference):
-    rows = [entry[0] for entry in Journal(reference).finished.values()][:1]
-    pedestrian = replace(rows[0], outcome="side")
-    vehicle = replace(pedestrian, scenario="t_junction")
-    assert (pedestrian.crashed, vehicle.crashed) == (False, True)
-    cell = summary([pedestrian])["cells"][0]
-    assert (cell["crashes"], cell["side"]) == (0, 1)
-    assert "0/1" in crash_table([cell], [pedestrian.speed])
+def test_what_ended_the_drive_is_counted_whatever_the_scenario_is_called(reference):
+    """The same side contact: of a pedestrian, who ends nothing, and of a vehicle."""
+    row = next(iter(Journal(reference).finished.values()))[0]
+    for crashed in (False, True):
+        beside = replace(row, figures=replace(row.figures, outcome="side", crashed=crashed))
+        cell = summary([beside])["cells"][0]
+        assert (cell["crashes"], cell["side"]) == (crashed, 1)
+        assert f"{crashed:d}/1" in crash_table([cell], [row.case.speed])
 
 
 def test_cases_are_paired(in_this_process):
@@ -141,8 +142,8 @@ def test_cases_are_paired(in_this_process):
         for combo in ("C+none", "CL+CL")
         for speed in (4.0, 8.0)
     ]
-    assert rows[0].crash_time_s == rows[2].crash_time_s
-    distances = [row.crash_time_s * row.speed - 6.0 * row.speed for row in rows]  # beyond the first gap
+    assert rows[0].figures.crash_time_s == rows[2].figures.crash_time_s
+    distances = [(row.figures.crash_time_s - 6.0) * row.case.speed for row in rows]  # beyond the first gap
     assert distances[0] == pytest.approx(distances[1], abs=8.0 * 0.3 + 0.5)
 
 
@@ -155,7 +156,8 @@ def made_up(reference, monkeypatch):
     def episode(job):
         run.append(job.case)
         crashed = job.case.speed >= (5.0 if job.case.combo == "C+none" else 9.0) and job.case.trial % 2
-        return replace(template, **job.case._asdict(), outcome="front" if crashed else "none"), 0.0
+        figures = replace(template.figures, outcome="front" if crashed else "none", crashed=bool(crashed))
+        return replace(template, case=job.case, figures=figures), 0.0
 
     monkeypatch.setattr(sweep_module, "run_case", episode)
     return run

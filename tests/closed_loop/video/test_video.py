@@ -4,10 +4,10 @@ import cv2
 import numpy as np
 import pytest
 
-from pcdet_avp.closed_loop.episode_log import ROW_FIELDS, EpisodeRow
 from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
 from pcdet_avp.closed_loop.perception.oracle import Oracle
 from pcdet_avp.closed_loop.perception.perceiver import Perceived, PerceiverSettings
+from pcdet_avp.closed_loop.sweep.episode_row import COLUMNS, EpisodeRow
 from pcdet_avp.closed_loop.video import video
 from pcdet_avp.closed_loop.video.episode_picture import (
     ALONE_COLOR,
@@ -100,7 +100,7 @@ def test_a_film_shows_every_second_tick_up_to_the_last_and_holds_it(tmp_path, mo
     monkeypatch.setattr(video, "HOLD_S", 0.2)
     scenario, file = draw_scenario("t_junction", 0, 1, 8.0), tmp_path / "a.mp4"
     log = video.write_episode_video(scenario, WithRoadsideOnly(), SensorSet.parse("C+CL"), TINY, file, "t")
-    assert log.outcome == "none"
+    assert log.figures.outcome == "none"
     capture, images = cv2.VideoCapture(str(file)), []
     while (got := capture.read())[0]:
         images.append(got[1])
@@ -137,9 +137,9 @@ def test_a_strip_has_its_cursor_at_its_share_of_the_time():
 
 def test_the_slowest_crash_is_the_telling_episode_or_else_the_fastest_drive():
     def row(combo, speed, trial, outcome):
-        values = dict.fromkeys(ROW_FIELDS)
+        values = dict.fromkeys(COLUMNS) | {"crashed": outcome != "none"}
         names = {"scenario": "t_junction", "perception": "los", "combo": combo, "speed": speed, "trial": trial}
-        return EpisodeRow(**(values | names | {"outcome": outcome}))
+        return EpisodeRow.from_columns(values | names | {"outcome": outcome})
 
     rows = [row("C+none", 8.0, 0, "front"), row("C+none", 7.0, 3, "side"), row("C+none", 7.0, 1, "front")]
     rows += [row("C+none", 3.0, 0, "none"), row("C+CL", 8.0, 1, "none"), row("C+CL", 8.0, 0, "none")]
