@@ -19,7 +19,7 @@ import pytest
 from pcdet_avp.closed_loop.sweep import sweep as sweep_module
 from pcdet_avp.closed_loop.sweep.case import Case, run_case
 from pcdet_avp.closed_loop.sweep.journal import JOURNAL, Journal
-from pcdet_avp.closed_loop.sweep.summary import EPISODES, SUMMARY, crash_table, summary, write_results
+from pcdet_avp.closed_loop.sweep.summary import EPISODES, SUMMARY, crash_text, summary, write_results
 from pcdet_avp.closed_loop.sweep.sweep import Sweep, run_sweep
 from pcdet_avp.config import load_config, plain
 from pcdet_avp.errors import ConfigError, RecordError, SensorError
@@ -131,7 +131,7 @@ def test_a_pedestrian_in_the_side_is_no_crash_but_a_vehicle_is(reference):
     assert (pedestrian.crashed, vehicle.crashed) == (False, True)
     cell = summary([pedestrian])["cells"][0]
     assert (cell["crashes"], cell["side"]) == (0, 1)
-    assert "0/1" in crash_table([cell], [pedestrian.speed])
+    assert "0/1" in crash_text([cell], [pedestrian.speed])
 
 
 def test_cases_are_paired(in_this_process):
