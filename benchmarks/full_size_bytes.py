@@ -23,7 +23,7 @@ from tqdm import tqdm
 
 from pcdet_avp.bandwidth.ages import age_rows
 from pcdet_avp.bandwidth.plan import Transmission, paper_budget_bytes
-from pcdet_avp.bandwidth.transmit import describe, segments_of
+from pcdet_avp.bandwidth.transmit import segments_of, sent_of
 from pcdet_avp.config import load_config
 from pcdet_avp.datasets.avp.collate import collate, load_batch
 from pcdet_avp.datasets.avp.network_input import NetworkInput
@@ -81,7 +81,7 @@ def print_table(latents: list[dict[str, Tensor]], budget: int, room: int) -> Non
     }
     for label, way in ways.items():
         for modality in latents[0]:
-            sent = [describe(segments_of(of_frame[modality], modality, way, room)) for of_frame in latents]
+            sent = [sent_of(segments_of(of_frame[modality], modality, way, room)) for of_frame in latents]
             sizes, blocks = [s.bytes for s in sent], np.mean([s.blocks for s in sent])
             numbers = (np.median(sizes), np.quantile(sizes, 0.95), max(sizes))
             sparsity = 1 - np.mean([s.occupied for s in sent])

@@ -56,7 +56,7 @@ def transmit(
     channel, receiver, sent = NrV2xChannel(config, rng), Receiver(), {}
     for source, latent in latents.items():
         payloads = segments_of(latent, modality_of(source), transmission, config.max_segment_bytes)
-        sent[source] = describe(payloads)
+        sent[source] = sent_of(payloads)
         channel.send(source, payloads, 0.0)
     for delivery in channel.receive(LATER_S):
         receiver.push(delivery.payload)
@@ -71,7 +71,7 @@ def segments_of(latent: Tensor, modality: str, transmission: Transmission, max_s
     return to_segments(latent, stamp, max_segment_bytes, transmission.precision, transmission.budget_bytes)
 
 
-def describe(payloads: list[bytes]) -> Sent:
+def sent_of(payloads: list[bytes]) -> Sent:
     """What the segments of one map amount to."""
     return Sent(sum(map(len, payloads)), len(payloads), float(decode(payloads).values.any(0).mean()))
 

@@ -16,7 +16,7 @@ from pcdet_avp.closed_loop.perception.factory import PERCEPTIONS
 from pcdet_avp.closed_loop.perception.link_options import add_link_arguments
 from pcdet_avp.closed_loop.report.report import write_report
 from pcdet_avp.closed_loop.sweep.arguments import sweep_meta, sweep_of
-from pcdet_avp.closed_loop.sweep.summary import crash_table, summary, write_results
+from pcdet_avp.closed_loop.sweep.summary import crash_text, summary, write_results
 from pcdet_avp.closed_loop.sweep.sweep import run_sweep
 from pcdet_avp.closed_loop.video.video_sweep import write_sweep_videos
 from pcdet_avp.sim.scenarios.table import SCENARIOS
@@ -53,7 +53,7 @@ def main() -> None:
     write_results(out, finished, sweep_meta(args, sweep, started))
     rows = [finished[case][0] for case in sorted(finished) if case.scenario == sweep.scenario]
     print(f"\ncrashes of trials by cruising speed, {sweep.scenario}\n")
-    print(crash_table(summary(rows)["cells"], sorted(sweep.speeds)))
+    print(crash_text(summary(rows)["cells"], sorted(sweep.speeds)))
     print(f"\nwrote {write_report(out)}")
     for file in write_sweep_videos(sweep, finished, out / "videos") if args.video else ():
         print(f"wrote {file}")

@@ -108,7 +108,7 @@ def _csv(header: Sequence[str], rows: Iterable[Iterable[Any]]) -> str:
     return text.getvalue()
 
 
-def crash_table(cells: Sequence[Mapping[str, Any]], speeds: Sequence[float]) -> str:
+def crash_text(cells: Sequence[Mapping[str, Any]], speeds: Sequence[float]) -> str:
     """Crashes of trials per speed; a line per combination, then mean speed and false braking."""
     lines = [f"{'':34}" + "".join(f"{v:>9g}" for v in speeds) + "   m/s"]
     for key, found in itertools.groupby(cells, key=group_of):

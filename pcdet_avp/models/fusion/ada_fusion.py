@@ -6,8 +6,8 @@ from torch import Tensor
 
 from pcdet_avp.models.fusion.channel_ada import ChannelAdaFusion
 from pcdet_avp.models.fusion.map_fuser import MapFuser, Maps, Masks, union
+from pcdet_avp.models.fusion.pooled_statistics import pooled_statistics
 from pcdet_avp.models.fusion.spatial_ada import SpatialAdaFusion
-from pcdet_avp.models.fusion.statistics import statistics
 from pcdet_avp.registry import FUSERS
 
 
@@ -22,7 +22,7 @@ class AdaFusion(MapFuser):
         self.combine = ChannelAdaFusion(model_cfg, slots=2)
 
     def fuse(self, maps: Maps, masks: Masks) -> Tensor:
-        stats, present = statistics([*maps.values()], [*masks.values()]), union(masks)
+        stats, present = pooled_statistics([*maps.values()], [*masks.values()]), union(masks)
         X_spatial = self.spatial.fuse_statistics(stats, masks)
         X_channel = self.channel.fuse_statistics(stats, maps, masks)
         return self.combine.fuse({0: X_spatial, 1: X_channel}, {0: present, 1: present})

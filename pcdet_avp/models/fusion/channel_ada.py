@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from pcdet_avp.models.fusion.map_fuser import MapFuser, Maps, Masks
-from pcdet_avp.models.fusion.statistics import Statistics, descriptors
+from pcdet_avp.models.fusion.pooled_statistics import PooledStatistics, descriptors
 from pcdet_avp.registry import FUSERS
 from pcdet_avp.structures.sensor_set import SOURCES
 
@@ -33,11 +33,11 @@ class ChannelAdaFusion(MapFuser):
         nn.init.uniform_(self.weights.weight, 1.0 / slots, 3.0 / slots)
 
     def fuse(self, maps: Maps, masks: Masks) -> Tensor:
-        described = [descriptors(X, masks[i]) for i, X in maps.items()]
-        map_max, map_avg = (torch.stack(column, 1) for column in zip(*described, strict=True))
+        pooled = [descriptors(X, masks[i]) for i, X in maps.items()]
+        map_max, map_avg = (torch.stack(column, 1) for column in zip(*pooled, strict=True))
         return self._weighted_sum(self.map_weights(list(maps), map_max, map_avg), maps, masks)
 
-    def fuse_statistics(self, stats: Statistics, maps: Maps, masks: Masks) -> Tensor:
+    def fuse_statistics(self, stats: PooledStatistics, maps: Maps, masks: Masks) -> Tensor:
         """As ``fuse``, where the maps' statistics are known already."""
         return self._weighted_sum(self.map_weights(list(maps), stats.map_max, stats.map_avg), maps, masks)
 

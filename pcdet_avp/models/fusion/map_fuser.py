@@ -10,7 +10,7 @@ from __future__ import annotations
 from torch import Tensor, nn
 
 from pcdet_avp.errors import SensorError
-from pcdet_avp.models.fusion.statistics import hide
+from pcdet_avp.models.fusion.pooled_statistics import hide
 from pcdet_avp.structures.sensor_set import SOURCES
 
 Maps = dict[int, Tensor]

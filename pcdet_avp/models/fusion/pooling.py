@@ -5,7 +5,7 @@ from __future__ import annotations
 from torch import Tensor
 
 from pcdet_avp.models.fusion.map_fuser import MapFuser, Maps, Masks
-from pcdet_avp.models.fusion.statistics import statistics
+from pcdet_avp.models.fusion.pooled_statistics import pooled_statistics
 from pcdet_avp.registry import FUSERS
 
 
@@ -17,7 +17,7 @@ class AverageFusion(MapFuser):
         super().__init__()
 
     def fuse(self, maps: Maps, masks: Masks) -> Tensor:
-        return statistics([*maps.values()], [*masks.values()]).X_avg
+        return pooled_statistics([*maps.values()], [*masks.values()]).X_avg
 
 
 @FUSERS.register("MaxFusion")
@@ -28,4 +28,4 @@ class MaxFusion(MapFuser):
         super().__init__()
 
     def fuse(self, maps: Maps, masks: Masks) -> Tensor:
-        return statistics([*maps.values()], [*masks.values()]).X_max
+        return pooled_statistics([*maps.values()], [*masks.values()]).X_max

@@ -7,7 +7,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from pcdet_avp.models.fusion.map_fuser import MapFuser, Maps, Masks, union
-from pcdet_avp.models.fusion.statistics import Statistics, statistics
+from pcdet_avp.models.fusion.pooled_statistics import PooledStatistics, pooled_statistics
 from pcdet_avp.registry import FUSERS
 
 # Output channels computed at a time; 16 was the fastest of 8, 16, 32 on a CPU, at 64 x 376 x 280 and 32 x 188 x 140.
@@ -23,9 +23,9 @@ class SpatialAdaFusion(MapFuser):
         self.conv = TwoMapConv3d()
 
     def fuse(self, maps: Maps, masks: Masks) -> Tensor:
-        return self.fuse_statistics(statistics([*maps.values()], [*masks.values()]), masks)
+        return self.fuse_statistics(pooled_statistics([*maps.values()], [*masks.values()]), masks)
 
-    def fuse_statistics(self, stats: Statistics, masks: Masks) -> Tensor:
+    def fuse_statistics(self, stats: PooledStatistics, masks: Masks) -> Tensor:
         """As ``fuse``, where the maps' statistics are known already."""
         return self.conv(stats.X_max, stats.X_avg).relu() * union(masks)
 

@@ -9,7 +9,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from pcdet_avp.models.fusion.statistics import hide
+from pcdet_avp.models.fusion.pooled_statistics import hide
 from pcdet_avp.structures.bev_grid import BevGrid
 from pcdet_avp.structures.sensor_set import INFRA_SOURCES
 

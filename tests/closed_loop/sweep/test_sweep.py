@@ -20,7 +20,7 @@ from pcdet_avp.closed_loop.sweep import sweep as sweep_module
 from pcdet_avp.closed_loop.sweep.case import run_case
 from pcdet_avp.closed_loop.sweep.episode_row import Case
 from pcdet_avp.closed_loop.sweep.journal import JOURNAL, Journal
-from pcdet_avp.closed_loop.sweep.summary import EPISODES, SUMMARY, crash_table, summary, write_results
+from pcdet_avp.closed_loop.sweep.summary import EPISODES, SUMMARY, crash_text, summary, write_results
 from pcdet_avp.closed_loop.sweep.sweep import Sweep, run_sweep
 from pcdet_avp.config import load_config, plain
 from pcdet_avp.errors import ConfigError, RecordError, SensorError
@@ -132,7 +132,7 @@ def test_what_ended_the_drive_is_counted_whatever_the_scenario_is_called(referen
         beside = replace(row, figures=replace(row.figures, outcome="side", crashed=crashed))
         cell = summary([beside])["cells"][0]
         assert (cell["crashes"], cell["side"]) == (crashed, 1)
-        assert f"{crashed:d}/1" in crash_table([cell], [row.case.speed])
+        assert f"{crashed:d}/1" in crash_text([cell], [row.case.speed])
 
 
 def test_cases_are_paired(in_this_process):

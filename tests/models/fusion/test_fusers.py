@@ -7,8 +7,8 @@ import torch
 
 from pcdet_avp.errors import SensorError
 from pcdet_avp.models.fusion.channel_ada import ChannelAdaFusion, cell_shares
+from pcdet_avp.models.fusion.pooled_statistics import cleared, descriptors, pooled_statistics
 from pcdet_avp.models.fusion.spatial_ada import TwoMapConv3d
-from pcdet_avp.models.fusion.statistics import cleared, descriptors, statistics
 from pcdet_avp.registry import FUSERS
 from pcdet_avp.structures.sensor_set import SENSOR_SETS, SOURCES
 
@@ -195,7 +195,7 @@ def test_gradients_of_the_statistics(n):
     maps, masks = masked_maps(n)
 
     def flat(*maps):
-        stats = statistics(list(maps), masks)
+        stats = pooled_statistics(list(maps), masks)
         alone = [d for X, m in zip(maps, masks, strict=True) for d in descriptors(X, m)]
         return torch.cat([v.flatten() for v in (stats.X_max, stats.X_avg, stats.map_max, stats.map_avg, *alone)])
 
@@ -224,7 +224,7 @@ def test_absent_cells_have_no_gradient(name, original_form):
 
 def test_statistics_equal_plain_formulas():
     maps, masks = masked_maps(4)
-    stats = statistics(maps, masks)
+    stats = pooled_statistics(maps, masks)
     X_max, X_avg = stats.X_max, stats.X_avg
     for b, r, c in itertools.product(range(2), range(3), range(4)):
         here = [X[b, :, r, c] for X, m in zip(maps, masks, strict=True) if m[b, 0, r, c]]
@@ -237,7 +237,7 @@ def test_equal_maps_share_one_gradient_of_the_maximum():
     """Cells that all maps agree on are the rule (empty ones); the gradient must not be counted once per map."""
     maps = [torch.zeros(1, 2, 2, 2, requires_grad=True) for _ in range(3)]
     masks = [torch.ones(1, 1, 2, 2, dtype=torch.bool)] * 3
-    statistics(maps, masks).X_max.sum().backward()
+    pooled_statistics(maps, masks).X_max.sum().backward()
     assert sum(X.grad for X in maps).tolist() == torch.ones(1, 2, 2, 2).tolist()
 
 

@@ -68,12 +68,12 @@ class DynamicPillars(nn.Module):
     def encode(self, points: Tensor, batch_size: int) -> tuple[Tensor, Tensor]:
         """points (P, 1 + C) -> pillar features (N, F), coordinates (N, 4) as in ``voxel_coords``."""
         points = self._in_range(points)
-        rank, cells = self._pillars(points, batch_size)
-        x = self._decorate(points, rank, cells)
+        pillar_ids, cells = self._pillars(points, batch_size)
+        x = self._decorate(points, pillar_ids, cells)
         if self.as_openpcdet:
-            x, rank = self.as_openpcdet.fill(x, rank, len(cells))
+            x, pillar_ids = self.as_openpcdet.fill(x, pillar_ids, len(cells))
         for layer in self.pfn_layers:
-            x = layer(x, rank, len(cells))
+            x = layer(x, pillar_ids, len(cells))
         batch, cell = cells // self._cells, cells % self._cells
         width = self.grid.width
         return x, torch.stack([batch, torch.zeros_like(cell), cell // width, cell % width], 1)
@@ -102,14 +102,14 @@ class DynamicPillars(nn.Module):
         occupied = torch.bincount(cell, minlength=batch_size * self._cells) > 0
         return (occupied.cumsum(0) - 1)[cell], occupied.nonzero().squeeze(1)
 
-    def _decorate(self, points: Tensor, rank: Tensor, cells: Tensor) -> Tensor:
+    def _decorate(self, points: Tensor, pillar_ids: Tensor, cells: Tensor) -> Tensor:
         """Channels of each point, then offset to the mean and to the centre of its pillar: (P, C + 6).
 
         Without absolute positions x, y, z are left out: (P, C + 3).
         """
         xyz = points[:, 1:4]
-        to_mean = xyz - _means(xyz, rank, len(cells)).index_select(0, rank)
-        to_centre = xyz - self._centres(cells, xyz.dtype).index_select(0, rank)
+        to_mean = xyz - _means(xyz, pillar_ids, len(cells)).index_select(0, pillar_ids)
+        to_centre = xyz - self._centres(cells, xyz.dtype).index_select(0, pillar_ids)
         rest = points[:, 4:]
         if self.as_openpcdet:
             xyz = self.as_openpcdet.from_lidar(xyz)
@@ -142,13 +142,13 @@ class PillarLayer(nn.Module):
         self.linear = nn.Linear(inputs, outputs, bias=False)
         self.norm = nn.BatchNorm1d(outputs, **BATCH_NORM) if batch_norm else nn.LayerNorm(outputs)
 
-    def forward(self, x: Tensor, rank: Tensor, pillars: int) -> Tensor:
-        """x (P, inputs), rank (P,) -> (pillars, outputs), or (P, outputs) before the last layer."""
+    def forward(self, x: Tensor, pillar_ids: Tensor, pillars: int) -> Tensor:
+        """x (P, inputs), pillar_ids (P,) -> (pillars, outputs), or (P, outputs) before the last layer."""
         x = self._normalise(self.linear(x))
         if self.last:
-            return F.relu(segment_max(x, rank, pillars))  # ReLU is monotone: after the maximum it costs less
+            return F.relu(segment_max(x, pillar_ids, pillars))  # ReLU is monotone: after the maximum it costs less
         x = F.relu(x)
-        return torch.cat([x, segment_max(x, rank, pillars).index_select(0, rank)], 1)
+        return torch.cat([x, segment_max(x, pillar_ids, pillars).index_select(0, pillar_ids)], 1)
 
     def _normalise(self, x: Tensor) -> Tensor:
         if isinstance(self.norm, nn.BatchNorm1d) and len(x) < 2:  # no statistics to take from fewer than two points
@@ -157,7 +157,7 @@ class PillarLayer(nn.Module):
         return self.norm(x)
 
 
-def _means(x: Tensor, rank: Tensor, segments: int) -> Tensor:
+def _means(x: Tensor, pillar_ids: Tensor, segments: int) -> Tensor:
     """Mean of the rows (P, C) of each segment: (segments, C)."""
-    total = x.new_zeros(segments, x.shape[1]).index_add_(0, rank, x)
-    return total / torch.bincount(rank, minlength=segments)[:, None]
+    total = x.new_zeros(segments, x.shape[1]).index_add_(0, pillar_ids, x)
+    return total / torch.bincount(pillar_ids, minlength=segments)[:, None]

@@ -45,7 +45,7 @@ class OpenPCDetPillars:
         """Positions (P, 3) above the floor -> above the LiDAR."""
         return xyz - xyz.new_tensor([0.0, 0.0, self.lidar_height_m])
 
-    def fill(self, x: Tensor, rank: Tensor, pillars: int) -> tuple[Tensor, Tensor]:
-        """Points x (P, C) of the pillars rank (P,), and one row of zeros more for each pillar that is not full."""
-        room = (torch.bincount(rank, minlength=pillars) < self.max_points).nonzero().squeeze(1)
-        return torch.cat([x, x.new_zeros(len(room), x.shape[1])]), torch.cat([rank, room])
+    def fill(self, x: Tensor, pillar_ids: Tensor, pillars: int) -> tuple[Tensor, Tensor]:
+        """Points x (P, C) in pillars pillar_ids (P,), and one row of zeros more for each pillar that is not full."""
+        room = (torch.bincount(pillar_ids, minlength=pillars) < self.max_points).nonzero().squeeze(1)
+        return torch.cat([x, x.new_zeros(len(room), x.shape[1])]), torch.cat([pillar_ids, room])

@@ -16,7 +16,7 @@ BITS = {2: torch.int16, 4: torch.int32, 8: torch.int64}  # of a floating-point n
 
 
 @dataclass(frozen=True, eq=False)
-class Statistics:
+class PooledStatistics:
     """Of n maps (B, C, H, W): their maximum and mean per cell, over the maps present there, zero where there is none;
     and the maximum and mean of each map over its present cells, (B, n), zero where there is none."""
 
@@ -50,12 +50,12 @@ class _Hide(torch.autograd.Function):
         return grad, None
 
 
-def statistics(maps: list[Tensor], masks: list[Tensor]) -> Statistics:
+def pooled_statistics(maps: list[Tensor], masks: list[Tensor]) -> PooledStatistics:
     """maps (B, C, H, W), zero where absent; masks (B, 1, H, W) bool."""
-    return Statistics(*_Statistics.apply(len(maps), *maps, *masks))
+    return PooledStatistics(*_PooledStatistics.apply(len(maps), *maps, *masks))
 
 
-class _Statistics(torch.autograd.Function):
+class _PooledStatistics(torch.autograd.Function):
     @staticmethod
     def forward(ctx, n: int, *tensors: Tensor) -> tuple[Tensor, ...]:
         maps, masks = tensors[:n], tensors[n:]
@@ -68,8 +68,8 @@ class _Statistics(torch.autograd.Function):
         count = sum(m.to(mean.dtype) for m in masks)
         highest = cleared(highest, count > 0)
         mean.div_(count.clamp_(min=1))
-        described = [describe(X, m) for X, m in zip(maps, masks, strict=True)]
-        map_max, map_avg, ctx.cells = (torch.stack(column, 1) for column in zip(*described, strict=True))
+        pooled = [max_and_mean(X, m) for X, m in zip(maps, masks, strict=True)]
+        map_max, map_avg, ctx.cells = (torch.stack(column, 1) for column in zip(*pooled, strict=True))
         ctx.n = n
         ctx.save_for_backward(*tensors, highest, count)
         return highest, mean, map_max, map_avg
@@ -87,7 +87,7 @@ class _Statistics(torch.autograd.Function):
             attains = (highest == X).logical_and_(m).logical_and_(~claimed)
             claimed.logical_or_(attains)
             grad = torch.where(attains, to_highest, to_all)
-            grads.append(add_described(grad, X, m, ctx.cells[:, i], grad_map_max[:, i], grad_map_avg[:, i]))
+            grads.append(add_max_and_mean_grad(grad, X, m, ctx.cells[:, i], grad_map_max[:, i], grad_map_avg[:, i]))
         return None, *grads, *[None] * ctx.n
 
 
@@ -102,7 +102,7 @@ def descriptors(X: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
 class _Descriptors(torch.autograd.Function):
     @staticmethod
     def forward(ctx, X: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
-        highest, mean, ctx.cell = describe(X, mask)
+        highest, mean, ctx.cell = max_and_mean(X, mask)
         ctx.save_for_backward(X, mask)
         return highest, mean
 
@@ -110,10 +110,10 @@ class _Descriptors(torch.autograd.Function):
     @once_differentiable
     def backward(ctx, grad_max: Tensor, grad_mean: Tensor) -> tuple:
         X, mask = ctx.saved_tensors
-        return add_described(torch.zeros_like(X), X, mask, ctx.cell, grad_max, grad_mean), None
+        return add_max_and_mean_grad(torch.zeros_like(X), X, mask, ctx.cell, grad_max, grad_mean), None
 
 
-def describe(X: Tensor, mask: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+def max_and_mean(X: Tensor, mask: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Maximum and mean over the present cells of a map, and the cell (row * W + column) of the maximum: (B,) each."""
     dtype = torch.promote_types(X.dtype, torch.float32)
     highest, cell = torch.where(mask[:, 0], X.amax(1), -torch.inf).flatten(1).max(1)
@@ -122,8 +122,10 @@ def describe(X: Tensor, mask: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     return torch.where(cells > 0, highest, 0).to(dtype), mean, cell
 
 
-def add_described(grad: Tensor, X: Tensor, mask: Tensor, cell: Tensor, grad_max: Tensor, grad_mean: Tensor) -> Tensor:
-    """Add to ``grad`` (B, C, H, W), in place, the gradient of ``describe``, and clear it where the map is absent."""
+def add_max_and_mean_grad(
+    grad: Tensor, X: Tensor, mask: Tensor, cell: Tensor, grad_max: Tensor, grad_mean: Tensor
+) -> Tensor:
+    """Add the gradient of ``max_and_mean`` to ``grad`` (B, C, H, W) in place; zero where the map is absent."""
     cells = mask.flatten(1).sum(1)
     per_value = grad_mean / (cells * X.shape[1]).clamp(min=1)
     grad.add_(per_value.to(grad.dtype).view(-1, 1, 1, 1)).mul_(mask)
