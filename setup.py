@@ -34,6 +34,7 @@ setup(
     ],
     extras_require={
         "gym": ["gymnasium>=0.29"],
-        "test": ["pytest>=8.0", "hypothesis>=6.90", "shapely>=2.0", "ruff>=0.5"],
+        "cpm": ["asn1tools>=0.169"],
+        "test": ["pytest>=8.0", "hypothesis>=6.90", "shapely>=2.0", "ruff>=0.5", "asn1tools>=0.169"],
     },
 )
