@@ -36,7 +36,7 @@ _MANAGEMENT = 1 + (1 + 2) + 42 + (31 + 32 + 3 * 12 + 20 + 4)
 _CONTAINERS = (1 + _bits(1, 8)) + _bits(1, 16)
 
 SIGNERS = ("digest", "certificate")
-# ETSI TS 103 097 V2.1.1 (IEEE 1609.2): a signed message's own fields and P-256 signature (84), and its signer: the
+# ETSI TS 103 097 V1.3.1 (IEEE 1609.2): a signed message's own fields and P-256 signature (84), and its signer: the
 # eight bytes by which a known certificate is named, or the whole certificate (139 with the CPM as its one permission).
 _SIGNED, _SIGNER = 84, {"digest": 9, "certificate": 142}
 # Two sensors, each with number, kind and a sector of a circle as its region; TS 103 324 sends them about once a second.
