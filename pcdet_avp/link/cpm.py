@@ -59,8 +59,8 @@ OBJECT = np.dtype(
         ("confidence", np.uint8),
     ]
 )
-# Of a step: a value so close above a code counts as that code (0.07 / 0.01 is 7.000000000000001).
-SLACK = 1e-6
+# Of a step: a value so close above a code counts as that code, since 1.6 m in float32 is a hair above 16 steps.
+SLACK = 1e-3
 
 
 class Perceived(NamedTuple):
