@@ -79,10 +79,10 @@ def car_rows(codec: CpmCodec | None) -> list[dict]:
     return rows
 
 
-def quantisation_rows(study: Study, judge, rows: Sequence[Mapping]) -> list[dict]:
+def quantisation_rows(study: Study, evaluator, rows: Sequence[Mapping]) -> list[dict]:
     """AP of late fusion before and after quantisation, and the paired difference with its interval over scenes.
 
-    ``judge`` and ``rows`` as of ``rows.point_rows``; empty where boxes were not studied.
+    ``evaluator`` and ``rows`` as of ``rows.point_rows``; empty where boxes were not studied.
     """
     if BOXES not in study.points:
         return []
@@ -90,11 +90,11 @@ def quantisation_rows(study: Study, judge, rows: Sequence[Mapping]) -> list[dict
     found = []
     for combo in study.options.combos:
         labels = (UNCODED_BOXES.label, BOXES.label)
-        lists = [judge.detections([result.found[combo, label] for result in study.results]) for label in labels]
-        for name in judge.class_names:
+        lists = [evaluator.detections([result.found[combo, label] for result in study.results]) for label in labels]
+        for name in evaluator.class_names:
             before, after = (_strict(by_label[combo, label]["ap"], name) for label in labels)
             row = {"combo": combo, "class": name, "before": before, "after": after}
-            found.append(row | {"gain": judge.gain(name, *lists)})
+            found.append(row | {"gain": evaluator.gain(name, *lists)})
     return found
 
 

@@ -11,7 +11,7 @@ from pcdet_avp.bandwidth.ages import age_rows
 from pcdet_avp.bandwidth.message_text import message_text
 from pcdet_avp.bandwidth.messages import message_rows, quantisation_rows
 from pcdet_avp.bandwidth.plots import write_plots
-from pcdet_avp.bandwidth.rows import Judge, blocks_by_mcs, map_rows, point_rows
+from pcdet_avp.bandwidth.rows import Evaluator, blocks_by_mcs, map_rows, point_rows
 from pcdet_avp.bandwidth.study import Study
 from pcdet_avp.evaluation.average_precision import LOOSE_IOU, STRICT_IOU
 from pcdet_avp.evaluation.benchmark_table import markdown_table
@@ -30,8 +30,8 @@ def make_content(
 ) -> dict:
     """Everything that the report says, as plain values; ``meta`` as from ``provenance``. With a ``codec``, object-level
     messages are encoded for real."""
-    options, judge = study.options, Judge.of(dataset, study)
-    rows = point_rows(study, judge)
+    options, evaluator = study.options, Evaluator.of(dataset, study)
+    rows = point_rows(study, evaluator)
     about = {"split": dataset.split, "frames": len(study.chosen), "every": options.every, "mcs": options.mcs}
     about |= {"precision": study.precision, "latent_shape": study.latent_shape, "budget_bytes": study.budget_bytes}
     return {
@@ -40,7 +40,7 @@ def make_content(
         "combos": list(options.combos),
         "maps": map_rows(study),
         "message": message_rows(study, dataset.class_names, min_scores, codec),
-        "quantisation": quantisation_rows(study, judge, rows),
+        "quantisation": quantisation_rows(study, evaluator, rows),
         "rows": rows,
         "ages": [asdict(row) for row in age_rows(blocks_by_mcs(study), options.seed)],
     }

@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 from pcdet_avp.bandwidth.frame_runner import FrameResult, FrameRunner
 from pcdet_avp.bandwidth.parts import Parts
-from pcdet_avp.bandwidth.plan import Point, make_plan, paper_budget_bytes
+from pcdet_avp.bandwidth.plan import StudyPoint, make_plan, paper_budget_bytes
 from pcdet_avp.config import config_hash
 from pcdet_avp.engine.distributed import Ranks
 from pcdet_avp.engine.loader import batches
@@ -53,7 +53,7 @@ class Study:
     """Results of the frames ``chosen`` (indices into the data set), one each."""
 
     options: StudyOptions
-    points: list[Point]
+    points: list[StudyPoint]
     chosen: list[int]
     results: list[FrameResult]
     precision: str
@@ -103,7 +103,7 @@ def run_study(
     return Study(options, points, chosen, [held[index] for index in chosen], precision, budget, shape)
 
 
-def check_message_classes(points: Sequence[Point], class_names: Sequence[str]) -> None:
+def check_message_classes(points: Sequence[StudyPoint], class_names: Sequence[str]) -> None:
     """Raise ConfigError where boxes of a class are to be sent for which the message has no code."""
     unknown = [name for name in class_names if name not in CLASSES]
     if unknown and any(point.objects for point in points):

@@ -8,10 +8,10 @@ from pcdet_avp.models.detectors.avp_cp import AvpCp
 from pcdet_avp.openpcdet.dataset import EGO_IMAGES
 
 
-class HostAvpCp(AvpCp):
-    """``AvpCp`` that finds the ego's images where ``HostAvpDataset`` puts them.
+class OpenPCDetAvpCp(AvpCp):
+    """``AvpCp`` that finds the ego's images where ``OpenPCDetAvpDataset`` puts them.
 
-    Under several processes the host averages gradients and expects one from every parameter, but an absent sensor's
+    Under several processes OpenPCDet averages gradients and expects one from every parameter, but an absent sensor's
     encoder has none: there, every parameter takes part in the loss with weight zero.
     """
 
