@@ -166,6 +166,17 @@ def test_bits_of_a_car_by_hand():
         message_bytes(["Tram"])
 
 
+def test_the_page_states_the_formulas_bytes():
+    lines = (Path(__file__).parents[2] / "docs" / "object_message.md").read_text(encoding="utf-8").splitlines()
+    cars, *rows = (
+        [cell.strip() for cell in line.split("|")[1:-1]] for line in lines if line.startswith(("| cars", "| bytes"))
+    )
+    assert [row[0] for row in rows] == ["bytes", "bytes without velocity"]
+    for row in rows:
+        stated = [int(cell.replace(",", "")) for cell in row[1:]]
+        assert stated == [message_bytes(["Car"] * int(n), velocity=row[0] == "bytes") for n in cars[1:]]
+
+
 def test_a_signature_by_hand():
     """In octet encoding rules; the message's length takes 1 byte below 128, 2 below 256, else 3."""
     outer, hash_id, payload, header = 1 + 1, 1, 1 + 1 + 1, 1 + 3 + 8  # flags, versions, choices; psid 639, time
