@@ -5,6 +5,7 @@ Set ETSI_CPM_ASN1 to a folder with ETSI's files (``cpm_ts103324`` with its ``cdd
 
 import os
 import shutil
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -153,6 +154,12 @@ def test_what_is_missing_or_double_in_the_folder_is_named(tmp_path):
     (tmp_path / "message.asn").write_text((OWN / "message.asn").read_text().replace("SEQUENCE {", "SEQUENCE", 1))
     with pytest.raises(ConfigError, match=r"expected ETSI's ASN\.1 files of the CPM, found"):
         CpmCodec.from_folder(tmp_path)
+
+
+def test_without_asn1tools_the_message_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "asn1tools", None)
+    with pytest.raises(ConfigError, match=r"pip install 'pcdet_avp\[cpm\]'"):
+        CpmCodec.from_folder(OWN)
 
 
 def test_bits_of_a_car_by_hand():
