@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from pcdet_avp.bandwidth.late_fusion import Boxes, in_roadside_range, merge
+from pcdet_avp.bandwidth.late_fusion import Boxes, from_objects, in_roadside_range, merge, moved, to_objects
 from pcdet_avp.bandwidth.plan import StudyPoint, Transmission
 from pcdet_avp.bandwidth.transmit import Sent, segments_of, transmit, unsparsified
 from pcdet_avp.link.nr_v2x import BYTES_PER_SLOT, NrV2xConfig
@@ -23,8 +23,8 @@ ROADSIDE = SensorSet(False, False, True, True)
 
 @dataclass(frozen=True, eq=False)
 class FrameResult:
-    """What came of a frame. ``found`` by (combination, label), and what the roadside alone found; ``sent`` by label
-    and source; ``blocks`` by MCS and source: transport blocks of a map as trained."""
+    """What came of a frame. ``found`` by (combination, label); ``roadside``: what the roadside alone found, in its own
+    frame; ``sent`` by label and source; ``blocks`` by MCS and source: transport blocks of a map as trained."""
 
     found: dict[tuple[str, str], Boxes] = field(default_factory=dict)
     roadside: Boxes | None = None
@@ -36,10 +36,17 @@ class FrameRunner:
     """Runs frames: which points, with which combinations of sensors, on which MCS, from which seed."""
 
     def __init__(
-        self, model: nn.Module, points: Sequence[StudyPoint], combos: Sequence[str], mcs: int, seed: int
+        self,
+        model: nn.Module,
+        points: Sequence[StudyPoint],
+        combos: Sequence[str],
+        mcs: int,
+        seed: int,
+        class_names: Sequence[str],
     ) -> None:
-        """``points`` as from ``make_plan``: the vehicle alone first, then what the network sends as trained."""
-        self.model, self.points, self.mcs, self.seed = model, points, mcs, seed
+        """``points`` as from ``make_plan``: the vehicle alone first, then what the network sends as trained;
+        ``class_names`` in the order of the network's labels."""
+        self.model, self.points, self.mcs, self.seed, self.class_names = model, points, mcs, seed, list(class_names)
         self.as_trained = points[1].transmission
         self.sensor_sets = {combo: SensorSet.parse(combo) for combo in combos}
 
@@ -53,7 +60,7 @@ class FrameRunner:
                 for combo, sensor_set in self.sensor_sets.items()
             }
             sent = {p.label: frame.received(p.transmission)[1] for p in self.points if p.transmission is not None}
-            return FrameResult(found, frame.roadside(self.as_trained), sent, frame.blocks(self.as_trained))
+            return FrameResult(found, frame.roadside_list(), sent, frame.blocks(self.as_trained))
 
 
 class _Frame:
@@ -71,7 +78,8 @@ class _Frame:
     def detect(self, point: StudyPoint, sensors: SensorSet) -> Boxes:
         """What the vehicle finds at a point of a study."""
         if point.objects:
-            return merge(self.alone(sensors), self.roadside(self.runner.as_trained), self.post_processing)
+            roadside = self.from_message() if point.coded else self.roadside()
+            return merge(self.alone(sensors), roadside, self.post_processing)
         if point.transmission is None:
             return self.alone(sensors)
         return self.fused(sensors, self.received(point.transmission)[0], self.believed_pose(point))
@@ -85,11 +93,24 @@ class _Frame:
         batch = self.with_sources(SensorSet(sensors.ego_camera, sensors.ego_lidar, False, False))
         return self.post_process(self.model.fuse_and_detect(self.model.codec.compress(batch)))
 
-    def roadside(self, transmission: Transmission) -> Boxes:
-        """What the roadside's maps alone show, in the vehicle's frame."""
-        pose = self.batch["ego_from_infra"]
-        found = self.fused(ROADSIDE, self.received(transmission)[0], pose)
-        return in_roadside_range(found, pose[0].double().cpu().numpy(), self.model.warp.grid)
+    @property
+    def ego_from_infra(self) -> Pose:
+        return Pose(self.batch["ego_from_infra"][0].double().cpu().numpy())
+
+    def roadside(self) -> Boxes:
+        """What the roadside's maps, as trained, alone show, in the vehicle's frame."""
+        found = self.fused(ROADSIDE, self.received(self.runner.as_trained)[0], self.batch["ego_from_infra"])
+        return in_roadside_range(found, self.ego_from_infra.matrix, self.model.warp.grid)
+
+    def roadside_list(self) -> Boxes:
+        """The same in the roadside's own frame, which is the message's."""
+        return moved(self.roadside(), self.ego_from_infra.inverse())
+
+    def from_message(self) -> Boxes:
+        """What the vehicle, in its frame, reads out of the roadside's message."""
+        names, roadside = self.runner.class_names, self.roadside_list()
+        got = from_objects(to_objects(roadside, names), names)
+        return moved(got, self.ego_from_infra).like(self.batch["ego_from_infra"])
 
     def fused(self, sensors: SensorSet, latents: Mapping[str, Latent], ego_from_infra: Tensor) -> Boxes:
         """From what the vehicle has and has received; computed once for equal inputs."""

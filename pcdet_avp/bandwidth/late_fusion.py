@@ -1,25 +1,26 @@
 """The object-level alternative: the roadside sends boxes, and the vehicle merges them with its own.
 
 Both lists come from the same network, once with the vehicle's sources only and once with the roadside's only, the
-latter in the vehicle's frame: the network fuses there, and what it finds does not depend on who runs it. The size of
-the message is that of ETSI's Collective Perception Message (ETSI TS 103 324): about 121 B and 35 B for every object.
+latter in the vehicle's frame: the network fuses there, and what it finds does not depend on who runs it. The roadside
+sends its list in its own frame as ETSI's Collective Perception Message (``link.cpm``), and what comes out of that
+message is merged.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from pcdet_avp.link import cpm
 from pcdet_avp.models.dense_heads.rotated_nms import rotated_nms
 from pcdet_avp.models.detectors.post_processing import PostProcessing
 from pcdet_avp.structures.bev_grid import BevGrid
 from pcdet_avp.structures.boxes import transform_boxes
 from pcdet_avp.structures.pose import Pose
-
-MESSAGE_BYTES, OBJECT_BYTES = 121, 35
 
 
 class Boxes(NamedTuple):
@@ -33,10 +34,29 @@ class Boxes(NamedTuple):
         """The rows of a mask (n,) or of indices."""
         return Boxes(*(column[rows] for column in self))
 
+    def like(self, other: Tensor) -> Boxes:
+        """The same on another tensor's device."""
+        return Boxes(*(column.to(other.device) for column in self))
 
-def message_bytes(objects: int) -> int:
-    """Bytes of a message about so many objects."""
-    return MESSAGE_BYTES + OBJECT_BYTES * objects
+
+def moved(found: Boxes, dst_from_src: Pose) -> Boxes:
+    """Detections in another frame, float32 as they are kept, on the CPU."""
+    boxes = transform_boxes(dst_from_src, found.boxes.cpu().numpy())
+    return Boxes(torch.from_numpy(boxes).float(), found.scores.cpu().float(), found.labels.cpu())
+
+
+def to_objects(sent: Boxes, class_names: Sequence[str]) -> np.ndarray:
+    """Detections as the objects of a message: (n,) of ``link.cpm.OBJECT``. A box has no velocity and no identity."""
+    names = [class_names[label - 1] for label in sent.labels.tolist()]
+    return cpm.quantise(sent.boxes.double().numpy(), names, sent.scores.double().numpy())
+
+
+def from_objects(objects: np.ndarray, class_names: Sequence[str]) -> Boxes:
+    """What a receiver makes of a message; objects without a whole box, which it cannot place, are left out."""
+    got = cpm.dequantise(objects)
+    labels = torch.tensor([class_names.index(name) + 1 for name in got.names], dtype=torch.long)
+    found = Boxes(torch.from_numpy(got.boxes).float(), torch.from_numpy(got.scores).float(), labels)
+    return found.select(torch.from_numpy(got.placed))
 
 
 def merge(vehicle: Boxes, roadside: Boxes, post_processing: PostProcessing) -> Boxes:

@@ -29,7 +29,8 @@ class Transmission:
 
 @dataclass(frozen=True)
 class StudyPoint:
-    """One row of a study. Without ``transmission`` nothing is sent; ``objects``: boxes are sent instead of maps.
+    """One row of a study. Without ``transmission`` nothing is sent; ``objects``: boxes are sent instead of maps, which
+    arrive as they are or, where ``coded``, as ETSI's message leaves them.
 
     The errors are standard deviations of the vehicle's own pose, per axis.
     """
@@ -40,9 +41,12 @@ class StudyPoint:
     position_std_m: float = 0.0
     yaw_std_deg: float = 0.0
     objects: bool = False
+    coded: bool = True
 
 
 ALONE = StudyPoint("reference", "vehicle alone")
+UNCODED_BOXES = StudyPoint("objects", "boxes, not quantised", objects=True, coded=False)
+BOXES = StudyPoint("objects", "boxes (late fusion)", objects=True)
 
 
 def reference(precision: str) -> StudyPoint:
@@ -60,7 +64,7 @@ def make_plan(studies: Sequence[str], precision: str, budget_bytes: int) -> list
         "budget": _budgets(budget_bytes),
         "loss": [StudyPoint("loss", f"{100 * p:g} % lost", Transmission(precision, loss=p)) for p in LOSSES],
         "pose": _poses(precision),
-        "objects": [StudyPoint("objects", "boxes (late fusion)", objects=True)],
+        "objects": [UNCODED_BOXES, BOXES],
     }
     return [ALONE, reference(precision), *(point for name in STUDIES if name in studies for point in of_study[name])]
 

@@ -105,7 +105,8 @@ def ap_against_bytes(content: Mapping) -> plt.Figure:
 def _marked(content: Mapping, combo: str) -> Iterator[tuple[dict, str, str]]:
     yield _pick(content, combo, "reference")[1], "*", "as trained"
     for row in _pick(content, combo, "objects"):
-        yield row, "X", "boxes (late fusion)"
+        if row["bytes_per_frame"] is not None:
+            yield row, "X", "boxes (late fusion)"
 
 
 def ap_against_loss(content: Mapping) -> plt.Figure:

@@ -8,12 +8,15 @@ from pathlib import Path
 from typing import Any
 
 from pcdet_avp.bandwidth.ages import age_rows
+from pcdet_avp.bandwidth.message_text import message_text
+from pcdet_avp.bandwidth.messages import message_rows, quantisation_rows
 from pcdet_avp.bandwidth.plots import write_plots
-from pcdet_avp.bandwidth.rows import Evaluator, blocks_by_mcs, map_rows, message_row, point_rows
+from pcdet_avp.bandwidth.rows import Evaluator, blocks_by_mcs, map_rows, point_rows
 from pcdet_avp.bandwidth.study import Study
 from pcdet_avp.evaluation.average_precision import LOOSE_IOU, STRICT_IOU
 from pcdet_avp.evaluation.benchmark_table import markdown_table
 from pcdet_avp.files import write_json, write_text
+from pcdet_avp.link.cpm_asn1 import CpmCodec
 
 SECTIONS = {
     "Maps against bytes": (("reference", "codec", "budget", "objects"), "ap_bytes.png"),
@@ -22,9 +25,13 @@ SECTIONS = {
 }
 
 
-def make_content(study: Study, dataset: Any, min_scores: Mapping[str, float] | None, meta: Mapping) -> dict:
-    """Everything that the report says, as plain values; ``meta`` as from ``provenance``."""
-    options = study.options
+def make_content(
+    study: Study, dataset: Any, min_scores: Mapping[str, float] | None, meta: Mapping, codec: CpmCodec | None = None
+) -> dict:
+    """Everything that the report says, as plain values; ``meta`` as from ``provenance``. With a ``codec``, object-level
+    messages are encoded for real."""
+    options, evaluator = study.options, Evaluator.of(dataset, study)
+    rows = point_rows(study, evaluator)
     about = {"split": dataset.split, "frames": len(study.chosen), "every": options.every, "mcs": options.mcs}
     about |= {"precision": study.precision, "latent_shape": study.latent_shape, "budget_bytes": study.budget_bytes}
     return {
@@ -32,8 +39,9 @@ def make_content(study: Study, dataset: Any, min_scores: Mapping[str, float] | N
         "config": meta["config"],
         "combos": list(options.combos),
         "maps": map_rows(study),
-        "message": message_row(study, dataset.class_names, min_scores),
-        "rows": point_rows(study, Evaluator.of(dataset, study)),
+        "message": message_rows(study, dataset.class_names, min_scores, codec),
+        "quantisation": quantisation_rows(study, evaluator, rows),
+        "rows": rows,
         "ages": [asdict(row) for row in age_rows(blocks_by_mcs(study), options.seed)],
     }
 
@@ -48,7 +56,7 @@ def write_report(content: Mapping, folder: Path) -> None:
 def report_text(content: Mapping, plots: Sequence[str]) -> str:
     """The page, markdown."""
     parts = [f"# Bandwidth report of {content['config']}", _about(content), _bytes(content)]
-    parts += [_picture("bytes.png", plots)]
+    parts += [_picture("bytes.png", plots), message_text(content)]
     studies = {row["study"] for row in content["rows"]}
     for title, (wanted, picture) in SECTIONS.items():
         if studies & set(wanted[1:]):
@@ -89,14 +97,8 @@ def _bytes(content: Mapping) -> str:
         + [f"{row['blocks']:.1f}", f"{row['mbit_per_s']:.2f}", f"{row['sparsity']:.3f}"]
         for row in shown
     ]
-    lines = [f"## Bytes per map, everything counted ({content['config']})", "", *markdown_table(header, body), ""]
-    return "\n".join([*lines, _message(content["message"])])
-
-
-def _message(message: Mapping) -> str:
-    texts = {"all_boxes": "every box that the roadside finds", "driving_boxes": "those above the driving score"}
-    parts = [f"{texts[k]}: median {m['median']:,.0f} B, 95 % {m['p95']:,.0f} B" for k, m in message.items()]
-    return f"Boxes instead of maps (121 B + 35 B each): {'; '.join(parts)}."
+    lines = [f"## Bytes per map, everything counted ({content['config']})", "", *markdown_table(header, body)]
+    return "\n".join(lines)
 
 
 def _tables(content: Mapping, studies: Sequence[str]) -> Iterator[str]:
@@ -169,6 +171,7 @@ def _notes(content: Mapping) -> str:
 - Boxes: what the same network finds from the roadside's maps alone, in the vehicle's frame and within the roadside's
   range, merged with the vehicle's own by the network's suppression within each class. The network was trained with at
   least one of the vehicle's sensors; a detector trained for the roadside may do better. All boxes are sent, since AP
-  judges a ranking; their message is longer than one to drive with.
+  judges a ranking; their message is longer than one to drive with. "boxes (late fusion)" merges what comes out of
+  the message, "boxes, not quantised" what would have gone in.
 - Delay: the frames of a data set are too far apart for it; `benchmarks/delay.py` renders the roadside earlier, and the
   closed loop drives with it."""

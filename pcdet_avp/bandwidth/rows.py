@@ -11,7 +11,8 @@ import numpy as np
 from tqdm import tqdm
 
 from pcdet_avp.bandwidth.ages import RATE_HZ
-from pcdet_avp.bandwidth.late_fusion import Boxes, message_bytes
+from pcdet_avp.bandwidth.late_fusion import Boxes, to_objects
+from pcdet_avp.bandwidth.messages import size_of
 from pcdet_avp.bandwidth.plan import ALONE, StudyPoint
 from pcdet_avp.bandwidth.study import Study
 from pcdet_avp.evaluation import Detections, GroundTruth, Region, bootstrap_gain
@@ -83,26 +84,6 @@ def map_rows(study: Study) -> list[dict]:
     return rows
 
 
-def message_row(study: Study, class_names: Sequence[str], min_scores: Mapping[str, float] | None) -> dict:
-    """Bytes of the object-level message: with every box that the network gives out, and with those to drive with."""
-    everything = np.array([len(result.roadside.scores) for result in study.results])
-    row = {"all_boxes": _sizes(everything)}
-    if min_scores:
-        least = np.array([min_scores.get(name, 0.0) for name in class_names])
-        kept = [int((b.scores.numpy() >= least[b.labels.numpy() - 1]).sum()) for b in _roadsides(study)]
-        row["driving_boxes"] = _sizes(np.array(kept))
-    return row
-
-
-def _roadsides(study: Study) -> list[Boxes]:
-    return [result.roadside for result in study.results]
-
-
-def _sizes(objects: np.ndarray) -> dict[str, float]:
-    sizes = message_bytes(objects)
-    return {"median": float(np.median(sizes)), "p95": float(np.quantile(sizes, 0.95)), "mean": float(sizes.mean())}
-
-
 def point_rows(study: Study, evaluator: Evaluator) -> list[dict]:
     """A row per point and combination: AP, what it is held against and the gain over that, bytes of all its maps."""
     rows = []
@@ -128,7 +109,7 @@ def _row(
     row = {"study": point.study, "label": point.label, "combo": combo}
     row |= {"ap": evaluator.average_precision(lists[point.label]), "held_against": base, "gain": gains}
     return row | {
-        "bytes_per_frame": _bytes_per_frame(study, combo, point),
+        "bytes_per_frame": _bytes_per_frame(study, evaluator.class_names, combo, point),
         "same_as_alone": _same(lists[point.label], lists[ALONE.label]),
     }
 
@@ -144,10 +125,11 @@ def held_against(points: Sequence[StudyPoint], point: StudyPoint) -> str | None:
     return uncompressed or (as_trained if point.label != as_trained else None)
 
 
-def _bytes_per_frame(study: Study, combo: str, point: StudyPoint) -> float | None:
-    """Mean over the frames, all modalities that the combination uses together."""
+def _bytes_per_frame(study: Study, class_names: Sequence[str], combo: str, point: StudyPoint) -> float | None:
+    """Mean over the frames, all modalities that the combination uses together; None where nothing is coded."""
     if point.objects:
-        return _sizes(np.array([len(b.scores) for b in _roadsides(study)]))["mean"]
+        sizes = [size_of(to_objects(result.roadside, class_names), True) for result in study.results]
+        return float(np.mean(sizes)) if point.coded else None
     used = SensorSet.parse(combo).sources
     of_label = [result.sent.get(point.label, {}) for result in study.results]
     if not of_label[0]:

@@ -19,6 +19,7 @@ from pcdet_avp.config import config_hash
 from pcdet_avp.engine.distributed import Ranks
 from pcdet_avp.engine.loader import batches
 from pcdet_avp.errors import ConfigError
+from pcdet_avp.link.cpm import CLASSES
 from pcdet_avp.models.compression.map_packets import precisions
 from pcdet_avp.models.detectors.split_inference import latent_shape
 from pcdet_avp.provenance import git_commit
@@ -87,6 +88,7 @@ def run_study(
     precision, shape = precision_of(model), latent_shape(model)
     budget = paper_budget_bytes(shape) if options.budget_bytes is None else options.budget_bytes
     points = make_plan(options.studies, precision, budget)
+    check_message_classes(points, dataset.class_names)
     chosen = choose_frames(dataset.frame_ids, options.every, options.frames)
     key = _key(config_hash(cfg), weights, git_commit(), points, options.combos, options.mcs, options.seed)
     parts = Parts(folder / f"frames_{key}", options.combos, [point.label for point in points])
@@ -94,11 +96,19 @@ def run_study(
     missing = [index for index, result in held.items() if result is None]
     if len(missing) < len(chosen):
         logger.info(f"{parts.folder}: {len(chosen) - len(missing)} of {len(chosen)} frames are done")
-    runner = FrameRunner(model.eval(), points, options.combos, options.mcs, options.seed)
+    runner = FrameRunner(model.eval(), points, options.combos, options.mcs, options.seed, dataset.class_names)
     for index, result in _computed(runner, dataset, missing, len(chosen), ranks, workers):
         parts.save(dataset.frame_ids[index], result)
         held[index] = parts.load(dataset.frame_ids[index])
     return Study(options, points, chosen, [held[index] for index in chosen], precision, budget, shape)
+
+
+def check_message_classes(points: Sequence[StudyPoint], class_names: Sequence[str]) -> None:
+    """Raise ConfigError where boxes of a class are to be sent for which the message has no code."""
+    unknown = [name for name in class_names if name not in CLASSES]
+    if unknown and any(point.objects for point in points):
+        expected = f"the object-level message codes {', '.join(CLASSES)}"
+        raise ConfigError(f"--studies: {expected}, found {', '.join(unknown)}; leave out 'objects'")
 
 
 def _computed(runner, dataset, missing, total, ranks, workers) -> Iterator[tuple[int, FrameResult]]:

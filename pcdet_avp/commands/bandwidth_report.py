@@ -22,6 +22,7 @@ from pcdet_avp.engine.outputs import RunFolder, choose_checkpoint, open_log
 from pcdet_avp.engine.testing.detect import parse_combos
 from pcdet_avp.engine.testing.run import load_network
 from pcdet_avp.files import make_folder
+from pcdet_avp.link.cpm_asn1 import CpmCodec
 from pcdet_avp.link.nr_v2x import BYTES_PER_SLOT
 from pcdet_avp.models.weights.checkpoint_file import THRESHOLDS_KEY
 from pcdet_avp.provenance import provenance
@@ -38,6 +39,8 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--budget", type=int, metavar="B", help="bytes per map (default: the paper's 72 KB, scaled)")
     parser.add_argument("--mcs", type=int, choices=BYTES_PER_SLOT, default=21, help="decides what a block carries")
     parser.add_argument("--seed", type=int, default=0, help="of losses, pose errors and intervals")
+    what = "folder with ETSI's ASN.1 files of the CPM: object-level messages are encoded for real (extra 'cpm')"
+    parser.add_argument("--cpm_asn1", type=Path, metavar="DIR", help=what)
     parser.add_argument("--out", type=Path, help="folder (default: bandwidth in the run's folder)")
     parser.add_argument("--workers", type=int, default=1, help="processes that load data (default: 1)")
     parser.add_argument("--device", choices=("cpu", "cuda"), help="default: a GPU where there is one")
@@ -56,6 +59,7 @@ def main() -> None:
         seed=args.seed,
         budget_bytes=args.budget,
     )
+    codec = None if args.cpm_asn1 is None else CpmCodec.from_folder(args.cpm_asn1)
     run_folder = RunFolder.of(args.cfg)
     out = args.out or run_folder.root / "bandwidth"
     make_folder(out)
@@ -68,7 +72,7 @@ def main() -> None:
     seed = content.get("sampler", {}).get("seed")
     meta = provenance(cfg, Path(args.cfg).stem, seed=seed, weights_hash=weights, started=started)
     about = {"checkpoint": ckpt.name, "iterations": content.get("it")}
-    write_report(make_content(study, dataset, content.get(THRESHOLDS_KEY), meta | about), out)
+    write_report(make_content(study, dataset, content.get(THRESHOLDS_KEY), meta | about, codec), out)
     print((out / "report.md").read_text(encoding="utf-8") + f"\nwritten to {out}")
 
 

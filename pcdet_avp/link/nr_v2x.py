@@ -1,6 +1,12 @@
 """NR-V2X sidelink in numbers: 20 MHz, 30 kHz subcarriers, one transport block of 50 resource blocks per 0.5 ms slot.
 
 The modulation and coding scheme (MCS) decides what a block carries: 11.3, 24.1, 41.0 or 62.5 Mbit/s.
+
+The bytes are transport block sizes of 3GPP TS 38.214 (section 5.1.3.2, one layer, MCS table 1) for about 5,600 of the
+6,600 resource elements that 50 resource blocks have in 11 symbols; control and reference signals take the others.
+``RESOURCE_ELEMENTS`` gives the numbers of elements for which the standard's rule yields exactly these bytes. No single
+number serves all four: MCS 7 leaves more elements to overhead than MCS 21. Without any overhead MCS 28 would carry
+4,612 bytes.
 """
 
 from __future__ import annotations
@@ -12,6 +18,8 @@ from pcdet_avp.link.loss import LossModel
 
 SLOT_S = 0.5e-3
 BYTES_PER_SLOT = {7: 704, 14: 1505, 21: 2562, 28: 3905}
+SLOT_RESOURCE_ELEMENTS = 50 * 12 * 11
+RESOURCE_ELEMENTS = {7: (5444, 5567), 14: (5522, 5640), 21: (5610, 5751), 28: (5581, 5673)}  # least, most
 # Of the layers above the transport block.
 BLOCK_HEADER_BYTES = 30
 

@@ -7,12 +7,13 @@ import pytest
 import torch
 
 from pcdet_avp.bandwidth.frame_runner import FrameRunner
-from pcdet_avp.bandwidth.late_fusion import Boxes
+from pcdet_avp.bandwidth.late_fusion import Boxes, in_roadside_range, merge
 from pcdet_avp.bandwidth.plan import STUDIES, make_plan
 from pcdet_avp.bandwidth.transmit import unsparsified
 from pcdet_avp.link import MapStamp, encode
 from pcdet_avp.models.compression import BevCodec
 from pcdet_avp.models.compression.wire import Wire
+from pcdet_avp.structures.boxes import transform_boxes
 from pcdet_avp.structures.pose import Pose
 
 COMBOS = ("C+C", "CL+CL")
@@ -26,7 +27,7 @@ def points():
 
 @pytest.fixture(scope="module")
 def result(network, batch_of, points):
-    return FrameRunner(network, points, COMBOS, mcs=7, seed=0)(batch_of(0, "CL+CL"))
+    return FrameRunner(network, points, COMBOS, mcs=7, seed=0, class_names=("Car", "Pedestrian"))(batch_of(0, "CL+CL"))
 
 
 def direct(network, batch, **how):
@@ -65,6 +66,35 @@ def test_an_erring_vehicle_sees_what_the_network_makes_of_the_wrong_pose(network
     torch.testing.assert_close(found.scores, expected.scores, atol=1e-4, rtol=1e-4)
     torch.testing.assert_close(found.boxes, expected.boxes, atol=1e-3, rtol=1e-3)
     assert not same(found, result.found["CL+CL", "float16, as trained"])
+
+
+def test_late_fusion_merges_the_roadsides_list_and_the_vehicles(network, batch_of, result):
+    """Against the network itself, run with the roadside's maps alone."""
+    combo = "CL+CL"
+    pose = Pose(batch_of(0, combo)["ego_from_infra"][0].double().numpy())
+    batch = batch_of(0, combo)
+    batch["source_present"] = batch["source_present"].new_tensor([[0, 0, 1, 1]])
+    roadside = in_roadside_range(direct(network, batch), pose.matrix, network.warp.grid)
+    assert len(roadside.scores) > 5
+    alone = result.found[combo, "vehicle alone"]
+    assert same(result.found[combo, "boxes, not quantised"], merge(alone, roadside, network.post_processing))
+    sent = transform_boxes(pose.inverse(), roadside.boxes.double().numpy())
+    np.testing.assert_allclose(result.roadside.boxes, sent, atol=1e-4)
+    assert torch.equal(result.roadside.scores, roadside.scores)
+
+
+def test_the_message_moves_late_fusions_boxes_by_steps_alone(network, result, points):
+    """What comes out of the message lies within half a step of what went in, turned into the vehicle's frame."""
+    raw, coded = (result.found["CL+CL", label] for label in ("boxes, not quantised", "boxes (late fusion)"))
+    assert not same(raw, coded)
+    alone = {tuple(box) for box in result.found["CL+CL", "vehicle alone"].boxes.tolist()}
+    received = [box for box in coded.boxes.double().numpy() if tuple(box.tolist()) not in alone]
+    assert received
+    for box in received:
+        nearest = raw.boxes.double().numpy()[np.linalg.norm(raw.boxes.numpy() - box, axis=1).argmin()]
+        assert np.linalg.norm(box[:2] - nearest[:2]) <= 0.005 * 2**0.5 + 1e-4
+        assert abs(box[2] - nearest[2]) <= 0.005 + 1e-4
+        assert np.abs(box[3:6] - nearest[3:6]).max() <= 0.05 + 1e-4
 
 
 def test_bytes_are_those_of_the_wire(network, batch_of, result):

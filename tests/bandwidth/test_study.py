@@ -11,7 +11,7 @@ from pcdet_avp.bandwidth.frame_runner import FrameResult
 from pcdet_avp.bandwidth.parts import Parts
 from pcdet_avp.bandwidth.plan import STUDIES, make_plan, paper_budget_bytes
 from pcdet_avp.bandwidth.rows import held_against
-from pcdet_avp.bandwidth.study import StudyOptions, choose_frames, precision_of
+from pcdet_avp.bandwidth.study import StudyOptions, check_message_classes, choose_frames, precision_of
 from pcdet_avp.bandwidth.transmit import Sent
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.models.compression import NoCompression
@@ -36,6 +36,7 @@ def test_labels_are_unique_and_held_against_the_right_one():
     assert against["vehicle alone"] is against["not thinned, not rounded"] is None
     assert against["int8, as trained"] == against["float16, 1125 B"] == "not thinned, not rounded"
     assert against["5 % lost"] == against["0.5 m"] == against["boxes (late fusion)"] == "int8, as trained"
+    assert against["boxes, not quantised"] == "int8, as trained"
     few = make_plan(["budget"], "int8", 9000)
     assert held_against(few, few[2]) == "int8, as trained"
     assert held_against(few, few[1]) is None
@@ -50,6 +51,14 @@ def test_what_cannot_be_studied_is_refused(options):
 def test_unknown_studies_are_named():
     with pytest.raises(ConfigError, match=r"expected some of codec, .*, found rain"):
         make_plan(["rain"], "float16", 9000)
+
+
+def test_classes_without_a_code_in_the_message_are_refused_before_the_work():
+    points = make_plan(["objects"], "float16", 9000)
+    check_message_classes(points, ["Car", "Pedestrian", "Cyclist"])
+    with pytest.raises(ConfigError, match=r"--studies: .*found Tram; leave out 'objects'"):
+        check_message_classes(points, ["Car", "Tram"])
+    check_message_classes(make_plan(["loss"], "float16", 9000), ["Tram"])
 
 
 def test_a_frame_on_disk_is_the_frame_and_a_torn_one_is_none(tmp_path, boxes_of):
