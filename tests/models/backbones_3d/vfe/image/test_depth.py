@@ -10,7 +10,8 @@ from torch.nn import functional as F
 
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.models.backbones_3d.vfe.image.depth_bins import MODES, DepthBins
-from pcdet_avp.models.backbones_3d.vfe.image.depth_head import DepthHead, DepthLoss
+from pcdet_avp.models.backbones_3d.vfe.image.depth_head import DepthHead
+from pcdet_avp.models.backbones_3d.vfe.image.depth_loss import DepthLoss
 from pcdet_avp.models.backbones_3d.vfe.image.foreground import back_project, foreground_mask, inside_boxes
 from pcdet_avp.structures.boxes import points_in_box
 from pcdet_avp.structures.camera import PinholeCamera
