@@ -23,6 +23,7 @@ from pcdet_avp.files import write_json, write_text
 from pcdet_avp.models.backbones_3d.depth_branch import depth_truth
 from pcdet_avp.models.backbones_3d.encoder import present_rows, suffix_of
 from pcdet_avp.provenance import provenance
+from pcdet_avp.structures.sensor_set import agent_of
 
 DISTANCE_EDGES_M = (0.0, 10.0, 20.0, 30.0, 47.0)  # along the optical axis
 CLOSE_M = 0.3
@@ -99,7 +100,8 @@ def depth_errors(
 def _of_batch(model: nn.Module, batch_dict: dict) -> Iterator[tuple[str, DepthErrors]]:
     for source, estimate in model(batch_dict)[0].items():
         rows, suffix = present_rows(batch_dict, source), suffix_of(source)
-        depth, on_users = depth_truth(batch_dict, source, rows, tuple(estimate.shape[1:]))
+        crop_px = model.encoder_of(source).crop_px[agent_of(source)]
+        depth, on_users = depth_truth(batch_dict, source, rows, tuple(estimate.shape[1:]), crop_px)
         image = rows[on_users.nonzero()[:, 0]]
         calibration = (batch_dict[key + suffix][image] for key in ("trans_lidar_to_cam", "trans_cam_to_img"))
         depth, estimate = depth[on_users], estimate[on_users]

@@ -8,7 +8,7 @@ from easydict import EasyDict
 from torch import Tensor
 
 from pcdet_avp.models.backbones_2d import map_to_bev  # noqa: F401  registers
-from pcdet_avp.models.backbones_3d.depth_branch import IMAGE_KEYS, DepthBranch
+from pcdet_avp.models.backbones_3d.depth_branch import IMAGE_KEYS, DepthBranch, below_crop
 from pcdet_avp.models.backbones_3d.encoder import BevEncoder, suffix_of
 from pcdet_avp.models.backbones_3d.vfe.image.image_backbone import STRIDE
 from pcdet_avp.registry import MAP_TO_BEV
@@ -16,7 +16,7 @@ from pcdet_avp.structures.sensor_set import agent_of
 
 
 class CameraEncoder(DepthBranch, BevEncoder):
-    """Sections IMAGE_BACKBONE and DEPTH (see ``DepthBranch``), MAP_TO_BEV and ATTENTION (may be null)."""
+    """Sections IMAGE_BACKBONE, DEPTH and CROP_TOP_PX (see ``DepthBranch``), MAP_TO_BEV and ATTENTION (may be null)."""
 
     def __init__(self, model_cfg: Any, channels: int, dataset: Any) -> None:
         """``dataset`` tells point_cloud_range and voxel_size."""
@@ -30,7 +30,8 @@ class CameraEncoder(DepthBranch, BevEncoder):
         """Also writes depth_logits[source] (R, NUM_BINS + 1, h / 4, w / 4) of the samples ``rows``."""
         features, logits = self.features_and_logits(batch_dict, source, rows)
         images, to_cam, to_img = (batch_dict[key + suffix_of(source)] for key in IMAGE_KEYS)
-        image_from_agent = to_img[rows].double() @ to_cam[rows].double()
-        bins, size = self.bins[agent_of(source)], tuple(images.shape[2:])
+        crop_px = self.crop_px[agent_of(source)]
+        image_from_agent = below_crop(to_img[rows].double(), crop_px) @ to_cam[rows].double()
+        bins, size = self.bins[agent_of(source)], (images.shape[2] - crop_px, images.shape[3])
         x, valid = self.map_to_bev_module(features, logits, image_from_agent, bins, size, STRIDE)
         return x, valid, {"depth_logits": {**batch_dict.get("depth_logits", {}), source: logits}}
