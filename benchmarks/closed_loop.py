@@ -25,19 +25,21 @@ from unittest.mock import patch
 import numpy as np
 import torch
 
-from pcdet_avp.closed_loop import driving_network, network_perceiver, onboard, roadside_unit
-from pcdet_avp.closed_loop.downlink import Downlink
-from pcdet_avp.closed_loop.link_options import LINKS, LinkOptions
-from pcdet_avp.closed_loop.network_perceiver import NetworkPerceiver
-from pcdet_avp.closed_loop.policy import BUMPER_X_M
+from pcdet_avp.closed_loop.perception import network as driving_network
+from pcdet_avp.closed_loop.perception import network_perceiver, roadside_unit
+from pcdet_avp.closed_loop.perception import vehicle_unit as onboard
+from pcdet_avp.closed_loop.perception.downlink import Downlink
+from pcdet_avp.closed_loop.perception.link_options import LINKS, LinkOptions
+from pcdet_avp.closed_loop.perception.network_perceiver import NetworkPerceiver
 from pcdet_avp.config import load_config
-from pcdet_avp.engine.evaluate import parse_combos
+from pcdet_avp.engine.testing.detect import parse_combos
 from pcdet_avp.freed_memory import keep_freed_memory
 from pcdet_avp.models.compression.map_packets import MapPacker
 from pcdet_avp.models.detectors.avp_cp import AvpCp
 from pcdet_avp.models.detectors.post_processing import PostProcessing
 from pcdet_avp.parallel import run_tasks
-from pcdet_avp.sim.episode_table import SCENARIOS, draw_scenario
+from pcdet_avp.sim.scenarios.table import SCENARIOS, draw_scenario
+from pcdet_avp.structures.ego import BUMPER_X_M
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
 
 TICK_S, WAKE_M, WARM_UP = 0.05, 15.0, 3

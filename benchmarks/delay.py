@@ -26,30 +26,30 @@ from tqdm import tqdm
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
+from pcdet_avp.bandwidth.frame_runner import FrameResult
+from pcdet_avp.bandwidth.late_fusion import Boxes
+from pcdet_avp.bandwidth.parts import Parts
+from pcdet_avp.bandwidth.rows import Judge
+from pcdet_avp.bandwidth.study import choose_frames
 from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
 from pcdet_avp.datasets import build_dataset
 from pcdet_avp.datasets.avp.collate import collate, load_batch
 from pcdet_avp.datasets.avp.manifest import read_manifest
 from pcdet_avp.datasets.avp.prepare import prepare
 from pcdet_avp.engine import checkpoint, distributed
-from pcdet_avp.engine.bandwidth.frame_runner import FrameResult
-from pcdet_avp.engine.bandwidth.late_fusion import Boxes
-from pcdet_avp.engine.bandwidth.parts import Parts
-from pcdet_avp.engine.bandwidth.rows import Judge
-from pcdet_avp.engine.bandwidth.study import choose_frames
-from pcdet_avp.engine.evaluate import parse_combos
-from pcdet_avp.engine.halves import RoadsideHalf, VehicleHalf
 from pcdet_avp.engine.outputs import RunFolder, open_log
-from pcdet_avp.engine.testing import load_network
+from pcdet_avp.engine.testing.detect import parse_combos
+from pcdet_avp.engine.testing.run import load_network
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.evaluation.average_precision import LOOSE_IOU, STRICT_IOU
 from pcdet_avp.evaluation.benchmark_table import markdown_table
 from pcdet_avp.files import make_folder, write_json, write_text
 from pcdet_avp.generate import scene_config
 from pcdet_avp.link import NrV2xConfig, decode
+from pcdet_avp.models.detectors.split_inference import RoadsideHalf, VehicleHalf
 from pcdet_avp.provenance import provenance
 from pcdet_avp.sim.rig import Rig, capture
-from pcdet_avp.sim.scenarios import TrainingScene, draw_training_scene
+from pcdet_avp.sim.scenarios.training_scene import TrainingScene, draw_training_scene
 from pcdet_avp.structures.frame import Frame
 from pcdet_avp.structures.sensor_set import SensorSet
 

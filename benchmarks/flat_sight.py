@@ -16,11 +16,12 @@ from pathlib import Path
 import numpy as np
 
 from pcdet_avp.closed_loop.episode import run_episode
-from pcdet_avp.closed_loop.perceiver import Perceived, Perceiver, PerceiverSettings, build_perceiver
+from pcdet_avp.closed_loop.perception.factory import build_perceiver
+from pcdet_avp.closed_loop.perception.perceiver import Perceived, Perceiver, PerceiverSettings
 from pcdet_avp.config import load_config
 from pcdet_avp.sim.actors import box_at, stands
-from pcdet_avp.sim.episode_table import draw_scenario
-from pcdet_avp.sim.episodes import Scenario
+from pcdet_avp.sim.scenarios.scenario import Scenario
+from pcdet_avp.sim.scenarios.table import draw_scenario
 from pcdet_avp.sim.world import World
 from pcdet_avp.structures.boxes import bev_corners, transform_boxes
 from pcdet_avp.structures.sensor_set import SensorSet

@@ -21,21 +21,21 @@ import torch
 from torch import Tensor, nn
 from tqdm import tqdm
 
+from pcdet_avp.bandwidth.ages import age_rows
+from pcdet_avp.bandwidth.plan import Transmission, paper_budget_bytes
+from pcdet_avp.bandwidth.transmit import describe, segments_of
 from pcdet_avp.config import load_config
 from pcdet_avp.datasets.avp.collate import collate, load_batch
 from pcdet_avp.datasets.avp.network_input import NetworkInput
 from pcdet_avp.datasets.avp.prepare import PrepareConfig, prepare
-from pcdet_avp.engine.bandwidth.ages import age_rows
-from pcdet_avp.engine.bandwidth.plan import Transmission, paper_budget_bytes
-from pcdet_avp.engine.bandwidth.transmit import describe, segments_of
-from pcdet_avp.engine.halves import latent_shape
 from pcdet_avp.generate import plan, scene_config
 from pcdet_avp.link import NrV2xConfig
 from pcdet_avp.link.nr_v2x import BYTES_PER_SLOT
 from pcdet_avp.link.precision import PRECISIONS
 from pcdet_avp.models import build_network
+from pcdet_avp.models.detectors.split_inference import latent_shape
 from pcdet_avp.sim.rig import Rig, capture
-from pcdet_avp.sim.scenarios import draw_training_scene
+from pcdet_avp.sim.scenarios.training_scene import draw_training_scene
 from pcdet_avp.structures.sensor_set import SensorSet, modality_of
 
 ROADSIDE = SensorSet(False, False, True, True)

@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 from pcdet_avp.generate import scene_config
 from pcdet_avp.sim.rig import Rig, capture
-from pcdet_avp.sim.scenarios import draw_training_scene
+from pcdet_avp.sim.scenarios.training_scene import draw_training_scene
 from pcdet_avp.structures.bev_grid import BevGrid
 
 PILLAR_CHANNELS, SENT_CHANNELS = 64, 8

@@ -20,10 +20,10 @@ import numpy as np
 
 from pcdet_avp.cli import config_parser, run_tool
 from pcdet_avp.closed_loop.episode_log import EpisodeRow
-from pcdet_avp.closed_loop.link_options import LinkOptions, add_link_arguments, given_link_options
-from pcdet_avp.closed_loop.safety import crash_interval
-from pcdet_avp.closed_loop.setup import sweep_meta, sweep_of
-from pcdet_avp.closed_loop.sweep import run_sweep
+from pcdet_avp.closed_loop.perception.link_options import LinkOptions, add_link_arguments, given_link_options
+from pcdet_avp.closed_loop.sweep.arguments import sweep_meta, sweep_of
+from pcdet_avp.closed_loop.sweep.crash_statistics import crash_interval
+from pcdet_avp.closed_loop.sweep.sweep import run_sweep
 from pcdet_avp.evaluation.benchmark_table import markdown_table
 from pcdet_avp.files import write_json, write_text
 

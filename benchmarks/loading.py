@@ -17,7 +17,7 @@ from pcdet_avp.config import load_config
 from pcdet_avp.datasets.avp.record import frame_dir, read_frame, write_frame
 from pcdet_avp.generate import plan, scene_config
 from pcdet_avp.sim.rig import Rig, capture
-from pcdet_avp.sim.scenarios import draw_training_scene
+from pcdet_avp.sim.scenarios.training_scene import draw_training_scene
 from pcdet_avp.structures.sensor_set import SOURCES
 
 

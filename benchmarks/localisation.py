@@ -28,13 +28,14 @@ from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
 from pcdet_avp.datasets import build_dataset
 from pcdet_avp.datasets.avp.splits import SPLITS
 from pcdet_avp.engine import checkpoint, distributed
-from pcdet_avp.engine.evaluate import detect, parse_combos
 from pcdet_avp.engine.outputs import RunFolder, open_log
-from pcdet_avp.engine.testing import THRESHOLDS_KEY, load_network
+from pcdet_avp.engine.testing.detect import detect, parse_combos
+from pcdet_avp.engine.testing.run import load_network
 from pcdet_avp.evaluation import Detections, GroundTruth, Region
 from pcdet_avp.evaluation.average_precision import STRICT_IOU
 from pcdet_avp.evaluation.benchmark_table import markdown_table
 from pcdet_avp.files import make_folder, write_json, write_text
+from pcdet_avp.models.weights.checkpoint_file import THRESHOLDS_KEY
 from pcdet_avp.provenance import provenance
 
 MAX_APART_M = 2.0

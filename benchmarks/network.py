@@ -33,7 +33,7 @@ from pcdet_avp.generate import scene_config
 from pcdet_avp.models import build_network
 from pcdet_avp.models.dense_heads.rotated_nms import nms_on_cpu, nms_on_gpu
 from pcdet_avp.sim.rig import Rig, capture
-from pcdet_avp.sim.scenarios import draw_training_scene
+from pcdet_avp.sim.scenarios.training_scene import draw_training_scene
 from pcdet_avp.structures.rotated_iou import bev_iou
 from pcdet_avp.structures.sensor_set import SENSOR_SETS, SOURCES
 

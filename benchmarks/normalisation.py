@@ -25,8 +25,8 @@ from pcdet_avp.datasets import build_dataset
 from pcdet_avp.datasets.avp.manifest import MANIFEST_FILE
 from pcdet_avp.engine.distributed import Ranks
 from pcdet_avp.engine.loader import batches
-from pcdet_avp.engine.sampler import CombinationBatchSampler
-from pcdet_avp.engine.training import TrainOptions, build_trainer
+from pcdet_avp.engine.training.run import TrainOptions, build_trainer
+from pcdet_avp.engine.training.sampler import CombinationBatchSampler
 from pcdet_avp.generate import generate
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
 

@@ -19,10 +19,10 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from pcdet_avp.models.backbones_2d.map_to_bev.camera_rays import trace_rays
 from pcdet_avp.models.backbones_2d.map_to_bev.frustum_collapse import SAMPLINGS, frustum_collapse
-from pcdet_avp.models.backbones_3d.vfe.image.depth_bins import DepthBins
+from pcdet_avp.models.backbones_2d.map_to_bev.voxel_projection import trace_rays
 from pcdet_avp.models.backbones_3d.vfe.segment_max import segment_max
+from pcdet_avp.models.backbones_image.depth_bins import DepthBins
 from pcdet_avp.structures.bev_grid import BevGrid
 from pcdet_avp.structures.camera import PinholeCamera
 

@@ -19,7 +19,7 @@ from pcdet_avp.datasets.avp.statistics import Statistics
 from pcdet_avp.generate import plan, scene_config
 from pcdet_avp.parallel import run_tasks
 from pcdet_avp.sim.rig import Rig, capture
-from pcdet_avp.sim.scenarios import draw_training_scene
+from pcdet_avp.sim.scenarios.training_scene import draw_training_scene
 from pcdet_avp.structures.bev_grid import BevGrid
 from pcdet_avp.structures.frame import CLASS_NAMES, AgentView, Frame
 

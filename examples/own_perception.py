@@ -17,12 +17,12 @@ import cv2
 import numpy as np
 
 from pcdet_avp.closed_loop.episode import run_episode
-from pcdet_avp.closed_loop.perceiver import Perceived
+from pcdet_avp.closed_loop.perception.perceiver import Perceived
 from pcdet_avp.config import load_config
-from pcdet_avp.sim.episodes import Scenario
-from pcdet_avp.sim.lidar import LidarNoise, sweep
-from pcdet_avp.sim.raytracer import RayTracer
+from pcdet_avp.sim.rays.lidar import LidarNoise, sweep
+from pcdet_avp.sim.rays.raytracer import RayTracer
 from pcdet_avp.sim.rig import Rig, sensor_rng
+from pcdet_avp.sim.scenarios.scenario import Scenario
 from pcdet_avp.sim.world import World
 from pcdet_avp.structures.boxes import transform_boxes
 from pcdet_avp.structures.lidar_scan import LidarScan
@@ -89,7 +89,7 @@ def _box(points: np.ndarray) -> np.ndarray:
 
 
 def main() -> None:
-    from pcdet_avp.sim.episode_table import draw_scenario
+    from pcdet_avp.sim.scenarios.table import draw_scenario
 
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--speed", type=float, default=8.0, help="cruising speed, m/s")

@@ -21,10 +21,10 @@ from pcdet_avp.datasets import build_dataset
 from pcdet_avp.datasets.avp.collate import collate, load_batch
 from pcdet_avp.datasets.avp.prepare import prepare
 from pcdet_avp.engine import distributed
-from pcdet_avp.engine.halves import RoadsideHalf
-from pcdet_avp.engine.testing import load_network
+from pcdet_avp.engine.testing.run import load_network
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.link import NrV2xConfig
+from pcdet_avp.models.detectors.split_inference import RoadsideHalf
 from pcdet_avp.structures.frame import Frame
 from pcdet_avp.structures.sensor_set import SensorSet
 

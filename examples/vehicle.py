@@ -24,11 +24,11 @@ from roadside_unit import address, recording
 from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
 from pcdet_avp.datasets import build_dataset
 from pcdet_avp.engine import distributed
-from pcdet_avp.engine.halves import VehicleHalf
-from pcdet_avp.engine.testing import load_network
+from pcdet_avp.engine.testing.run import load_network
 from pcdet_avp.errors import ConfigError, LinkError
 from pcdet_avp.link import LatentMap, Receiver
 from pcdet_avp.link.header import MODALITIES
+from pcdet_avp.models.detectors.split_inference import VehicleHalf
 from pcdet_avp.structures.frame import Frame
 from pcdet_avp.structures.sensor_set import SensorSet
 

@@ -22,7 +22,7 @@ from pcdet_avp.errors import ConfigError, RecordError
 from pcdet_avp.parallel import run_tasks
 from pcdet_avp.sim.layouts import GarageConfig
 from pcdet_avp.sim.rig import Rig, capture
-from pcdet_avp.sim.scenarios import SceneConfig, draw_training_scene
+from pcdet_avp.sim.scenarios.training_scene import SceneConfig, draw_training_scene
 from pcdet_avp.structures.frame import Frame
 from pcdet_avp.structures.sensor_set import SOURCES
 

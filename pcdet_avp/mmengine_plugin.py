@@ -23,8 +23,8 @@ from mmengine.registry import DATASETS, FUNCTIONS, METRICS, MODELS
 from pcdet_avp.config import load_config
 from pcdet_avp.datasets.avp.collate import load_batch
 from pcdet_avp.datasets.avp.network_input import NetworkInput
-from pcdet_avp.host.dataset import HostAvpDataset
-from pcdet_avp.host.detector import HostAvpCp
+from pcdet_avp.openpcdet.dataset import HostAvpDataset
+from pcdet_avp.openpcdet.detector import HostAvpCp
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
 
 

@@ -28,10 +28,10 @@ def our_classes() -> dict[str, dict[str, type]]:
     ``BaseBEVBackbone`` and ``AnchorHeadSingle`` are the host's names: ours, inside ``AvpCp``, leave them to it.
     ``FrustumToBev`` needs two cameras' calibration, which no stage of the host hands over: it works inside ``AvpCp``.
     """
-    from pcdet_avp.host import dataset, detector, fusers
     from pcdet_avp.models.backbones_2d import wrapped_backbones
     from pcdet_avp.models.backbones_2d.map_to_bev.pillar_scatter import PillarScatter
     from pcdet_avp.models.backbones_3d.vfe.dynamic_pillars import DynamicPillars
+    from pcdet_avp.openpcdet import dataset, detector, fusers
 
     return {
         "pcdet.datasets": {"AvpDataset": dataset.HostAvpDataset},

@@ -32,7 +32,7 @@ def test_own_perception_sees_walkers_and_the_turning_vehicle():
 
 def test_the_example_of_the_page_on_the_closed_loop_films_an_episode(monkeypatch):
     """Its code is run as it stands there; only the drawing is left out."""
-    from pcdet_avp.closed_loop import film
+    from pcdet_avp.closed_loop.video import video as film
 
     calls = []
     monkeypatch.setattr(film, "film_episode", lambda *arguments: calls.append(arguments))

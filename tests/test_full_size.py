@@ -9,7 +9,7 @@ from pcdet_avp.config import load_config
 from pcdet_avp.datasets.avp.record import read_frame, write_frame
 from pcdet_avp.generate import scene_config
 from pcdet_avp.sim.rig import Rig, capture
-from pcdet_avp.sim.scenarios import draw_training_scene
+from pcdet_avp.sim.scenarios.training_scene import draw_training_scene
 
 CFGS = Path(__file__).parents[1] / "cfgs"
 FRAMES_IN_FULL_SET = 2240

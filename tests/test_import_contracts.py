@@ -48,7 +48,7 @@ def test_numpy_floors_never_import_torch(floor):
     assert "torch" not in loaded, f"pcdet_avp.{floor} must do without torch"
 
 
-@pytest.mark.parametrize("floor", ["models", "datasets", "engine", "host", "plugin"])
+@pytest.mark.parametrize("floor", ["models", "datasets", "engine", "openpcdet", "bandwidth", "plugin"])
 def test_network_and_data_set_never_see_the_simulator(floor):
     loaded = loaded_after(floor)
     reached = sorted(name for name in loaded if name.startswith("pcdet_avp.sim"))
@@ -59,14 +59,16 @@ def test_network_and_data_set_never_see_the_simulator(floor):
 def test_lower_floors_do_not_look_up(floor):
     loaded = loaded_after(floor)
     above = tuple(
-        f"pcdet_avp.{name}" for name in ("sim", "datasets", "models", "engine", "closed_loop", "generate", "host")
+        f"pcdet_avp.{name}"
+        for name in ("sim", "datasets", "models", "engine", "closed_loop", "generate", "openpcdet", "bandwidth")
     )
     reached = sorted(name for name in loaded if name.startswith(above))
     assert not reached, f"pcdet_avp.{floor} must not import {reached}"
 
 
 @pytest.mark.parametrize(
-    "floor", ["models", "datasets", "engine", "host", "plugin", "structures", "sim", "link", "evaluation"]
+    "floor",
+    ["models", "datasets", "engine", "openpcdet", "bandwidth", "plugin", "structures", "sim", "link", "evaluation"],
 )
 def test_no_optional_host_is_needed(floor):
     loaded = loaded_after(floor)

@@ -13,18 +13,19 @@ import argparse
 import time
 from pathlib import Path
 
+from pcdet_avp.bandwidth.plan import STUDIES
+from pcdet_avp.bandwidth.report import make_content, write_report
+from pcdet_avp.bandwidth.study import StudyOptions, run_study
 from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
 from pcdet_avp.datasets import build_dataset
 from pcdet_avp.datasets.avp.splits import SPLITS
 from pcdet_avp.engine import checkpoint, distributed
-from pcdet_avp.engine.bandwidth.plan import STUDIES
-from pcdet_avp.engine.bandwidth.report import make_content, write_report
-from pcdet_avp.engine.bandwidth.study import StudyOptions, run_study
-from pcdet_avp.engine.evaluate import parse_combos
 from pcdet_avp.engine.outputs import RunFolder, open_log
-from pcdet_avp.engine.testing import THRESHOLDS_KEY, load_network
+from pcdet_avp.engine.testing.detect import parse_combos
+from pcdet_avp.engine.testing.run import load_network
 from pcdet_avp.files import make_folder
 from pcdet_avp.link.nr_v2x import BYTES_PER_SLOT
+from pcdet_avp.models.weights.checkpoint_file import THRESHOLDS_KEY
 from pcdet_avp.provenance import provenance
 
 

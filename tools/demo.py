@@ -19,14 +19,15 @@ from pcdet_avp.datasets import build_dataset
 from pcdet_avp.datasets.avp.network_input import NetworkInput
 from pcdet_avp.datasets.avp.splits import SPLITS
 from pcdet_avp.engine import distributed
-from pcdet_avp.engine.cloud_files import cloud_files, cloud_frame, cloud_picture, find_in_cloud
-from pcdet_avp.engine.evaluate import parse_combos
 from pcdet_avp.engine.outputs import RunFolder, open_log
-from pcdet_avp.engine.pictures import detection_picture
-from pcdet_avp.engine.testing import THRESHOLDS_KEY, load_network
+from pcdet_avp.engine.testing.detect import parse_combos
+from pcdet_avp.engine.testing.pictures import detection_picture
+from pcdet_avp.engine.testing.point_clouds import cloud_files, cloud_frame, cloud_picture, find_in_cloud
+from pcdet_avp.engine.testing.run import load_network
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.evaluation.detections_file import write_detections
 from pcdet_avp.files import make_folder
+from pcdet_avp.models.weights.checkpoint_file import THRESHOLDS_KEY
 from pcdet_avp.visualization.video import write_picture, write_video
 
 

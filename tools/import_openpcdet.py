@@ -18,11 +18,11 @@ from pcdet_avp.config import require
 from pcdet_avp.datasets.avp.network_input import NetworkInput
 from pcdet_avp.engine.checkpoint import save
 from pcdet_avp.engine.seed import seed_torch
-from pcdet_avp.engine.training import about
+from pcdet_avp.engine.training.run import about
 from pcdet_avp.errors import CheckpointError
 from pcdet_avp.models import build_network
-from pcdet_avp.models.checkpoint_file import read_checkpoint
-from pcdet_avp.models.detectors.openpcdet_weights import is_openpcdet, load_openpcdet
+from pcdet_avp.models.weights.checkpoint_file import read_checkpoint
+from pcdet_avp.models.weights.openpcdet import is_openpcdet, load_openpcdet
 
 
 def parse_arguments() -> argparse.Namespace:

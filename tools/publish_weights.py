@@ -10,9 +10,8 @@ from pathlib import Path
 
 from pcdet_avp.cli import run_tool
 from pcdet_avp.engine.checkpoint import save, weights_hash
-from pcdet_avp.engine.testing import THRESHOLDS_KEY
 from pcdet_avp.errors import CheckpointError
-from pcdet_avp.models.checkpoint_file import read_checkpoint
+from pcdet_avp.models.weights.checkpoint_file import THRESHOLDS_KEY, read_checkpoint
 
 KEPT = ("model_state", "epoch", "it", "elapsed_s", "version", "versions", "config_name", "config_hash", "config")
 

@@ -16,14 +16,14 @@ import time
 from pathlib import Path
 
 from pcdet_avp.cli import config_parser, run_tool
-from pcdet_avp.closed_loop.film_sweep import film_sweep
-from pcdet_avp.closed_loop.link_options import add_link_arguments
-from pcdet_avp.closed_loop.perceiver import PERCEIVERS
-from pcdet_avp.closed_loop.report import write_report
-from pcdet_avp.closed_loop.setup import sweep_meta, sweep_of
-from pcdet_avp.closed_loop.summary import crash_table, summary, write_results
-from pcdet_avp.closed_loop.sweep import run_sweep
-from pcdet_avp.sim.episode_table import SCENARIOS
+from pcdet_avp.closed_loop.perception.factory import PERCEIVERS
+from pcdet_avp.closed_loop.perception.link_options import add_link_arguments
+from pcdet_avp.closed_loop.report.report import write_report
+from pcdet_avp.closed_loop.sweep.arguments import sweep_meta, sweep_of
+from pcdet_avp.closed_loop.sweep.summary import crash_table, summary, write_results
+from pcdet_avp.closed_loop.sweep.sweep import run_sweep
+from pcdet_avp.closed_loop.video.video_sweep import film_sweep
+from pcdet_avp.sim.scenarios.table import SCENARIOS
 
 CONFIGS = Path(__file__).resolve().parents[1] / "cfgs"
 SPEEDS_MPS = (3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0)

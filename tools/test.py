@@ -16,10 +16,10 @@ from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
 from pcdet_avp.datasets.avp.splits import SPLITS
 from pcdet_avp.engine import distributed
 from pcdet_avp.engine.checkpoint import LATEST, newest_first
-from pcdet_avp.engine.evaluate import as_scalars, parse_combos
-from pcdet_avp.engine.monitor import write_scalars
 from pcdet_avp.engine.outputs import RunFolder, open_log
-from pcdet_avp.engine.testing import TestResult, run_test
+from pcdet_avp.engine.testing.detect import as_scalars, parse_combos
+from pcdet_avp.engine.testing.run import TestResult, run_test
+from pcdet_avp.engine.training.monitor import write_scalars
 from pcdet_avp.errors import ConfigError
 
 

@@ -18,10 +18,10 @@ from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
 from pcdet_avp.config import require
 from pcdet_avp.datasets.avp.manifest import MANIFEST_FILE, read_manifest
 from pcdet_avp.engine import distributed
-from pcdet_avp.engine.depth_table import run_depth_test
 from pcdet_avp.engine.outputs import RunFolder, open_log
-from pcdet_avp.engine.testing import run_test, store_driving_thresholds
-from pcdet_avp.engine.training import TrainOptions, run_training
+from pcdet_avp.engine.testing.depth_table import run_depth_test
+from pcdet_avp.engine.testing.run import run_test, store_driving_thresholds
+from pcdet_avp.engine.training.run import TrainOptions, run_training
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.generate import generate
 from pcdet_avp.models import detects_objects

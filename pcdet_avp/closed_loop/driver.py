@@ -7,7 +7,7 @@ from collections import deque
 import numpy as np
 
 from pcdet_avp.closed_loop.policy import target_speed
-from pcdet_avp.sim.junction_map import JunctionMap
+from pcdet_avp.sim.scenarios.junction_map import JunctionMap
 from pcdet_avp.structures.boxes import transform_boxes
 from pcdet_avp.structures.ego import overlaps_ego
 from pcdet_avp.structures.pose import Pose

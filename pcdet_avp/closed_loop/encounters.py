@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from pcdet_avp.closed_loop.contact import MAX_STEP_S, Contact, first_contact
-from pcdet_avp.closed_loop.gauges import Gauges
-from pcdet_avp.closed_loop.policy import BUMPER_X_M
+from pcdet_avp.closed_loop.measurements import Gauges
 from pcdet_avp.sim.actors import Actor, box_at, floor_box
 from pcdet_avp.sim.dynamics import Drive, LongitudinalState
-from pcdet_avp.sim.episodes import Scenario
+from pcdet_avp.sim.scenarios.scenario import Scenario
 from pcdet_avp.sim.world import EGO_SPEC, World
+from pcdet_avp.structures.ego import BUMPER_X_M
 
 STANDS_BELOW_MPS = 0.1  # a car slower than this stands: who walks into it is not run over
 NEAR_M = 3.0  # nobody farther away is met within a tick

@@ -13,12 +13,12 @@ from pcdet_avp.closed_loop.driver import Driver
 from pcdet_avp.closed_loop.encounters import Encounters
 from pcdet_avp.closed_loop.episode_log import EpisodeLog
 from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
-from pcdet_avp.closed_loop.gauges import Gauges
-from pcdet_avp.closed_loop.perceiver import Message, Perceived, Perceiver
-from pcdet_avp.closed_loop.policy import BUMPER_X_M
+from pcdet_avp.closed_loop.measurements import Gauges
+from pcdet_avp.closed_loop.perception.perceiver import Message, Perceived, Perceiver
 from pcdet_avp.sim.dynamics import LongitudinalState, drive
-from pcdet_avp.sim.episodes import Scenario
+from pcdet_avp.sim.scenarios.scenario import Scenario
 from pcdet_avp.structures.boxes import transform_boxes
+from pcdet_avp.structures.ego import BUMPER_X_M
 from pcdet_avp.structures.sensor_set import SensorSet
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from pcdet_avp.closed_loop.perceiver import Message, Perceived
+from pcdet_avp.closed_loop.perception.perceiver import Message, Perceived
 
 OUTCOMES = ("none", "front", "side")
 

@@ -21,10 +21,10 @@ except ModuleNotFoundError as missing:
 
 from pcdet_avp.closed_loop.episode import Episode
 from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
-from pcdet_avp.closed_loop.oracle import Oracle
-from pcdet_avp.closed_loop.perceiver import Perceived, Perceiver, PerceiverSettings
+from pcdet_avp.closed_loop.perception.oracle import Oracle
+from pcdet_avp.closed_loop.perception.perceiver import Perceived, Perceiver, PerceiverSettings
 from pcdet_avp.errors import ConfigError
-from pcdet_avp.sim.episode_table import draw_scenario
+from pcdet_avp.sim.scenarios.table import draw_scenario
 from pcdet_avp.structures.frame import CLASS_NAMES
 from pcdet_avp.structures.sensor_set import SensorSet
 

@@ -15,23 +15,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from pcdet_avp.sim.junction_map import JunctionMap, conflict_zone
+from pcdet_avp.sim.scenarios.junction_map import JunctionMap
 from pcdet_avp.structures.boxes import bev_corners, transform_boxes
-from pcdet_avp.structures.ego import EGO_LENGTH_M
+from pcdet_avp.structures.ego import BUMPER_X_M
 from pcdet_avp.structures.pose import Pose
 
 INNER_M, OUTER_M = 2.5, 6.0  # lateral limits of the law's two bands
-BUMPER_X_M = EGO_LENGTH_M / 2
-
-__all__ = [
-    "JunctionMap",
-    "conflict_zone",
-    "junction_target_speed",
-    "target_speed",
-    "target_speed_law",
-    "walker_distances",
-    "walkers_target_speed",
-]
 
 
 def target_speed_law(ahead_m: np.ndarray, aside_m: np.ndarray, cruising: float) -> np.ndarray:

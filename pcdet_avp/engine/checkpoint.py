@@ -17,7 +17,7 @@ import torch
 from torch import nn
 
 from pcdet_avp.errors import CheckpointError
-from pcdet_avp.models.checkpoint_file import read_checkpoint
+from pcdet_avp.models.weights.checkpoint_file import read_checkpoint
 
 LATEST = "latest_model.pth"
 

@@ -6,9 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pcdet_avp.sim.cars import CarSpec, car_mesh
-from pcdet_avp.sim.mesh import Mesh
-from pcdet_avp.sim.pedestrians import PedestrianSpec, pedestrian_mesh
+from pcdet_avp.sim.meshes.car import car_mesh
+from pcdet_avp.sim.meshes.car_spec import CarSpec
+from pcdet_avp.sim.meshes.mesh import Mesh
+from pcdet_avp.sim.meshes.pedestrian import pedestrian_mesh
+from pcdet_avp.sim.meshes.pedestrian_spec import PedestrianSpec
 from pcdet_avp.sim.trajectories import Motion, Standing, Trajectory
 from pcdet_avp.structures.pose import Pose
 

@@ -19,6 +19,7 @@ import numpy as np
 LANE_WIDTH_M = 3.4
 SLOT_WIDTH_M = 3.2
 SLOT_DEPTH_M = 5.8
+TUBE_HALF_LENGTH_M = 0.6  # a lamp is a tube along the world's x axis (ours)
 
 
 @dataclass(frozen=True)

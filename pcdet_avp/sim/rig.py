@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pcdet_avp.errors import ConfigError
-from pcdet_avp.sim.camera import render
-from pcdet_avp.sim.lidar import LidarNoise, sweep
-from pcdet_avp.sim.raytracer import RayTracer
+from pcdet_avp.sim.rays.lidar import LidarNoise, sweep
+from pcdet_avp.sim.rays.raytracer import RayTracer
+from pcdet_avp.sim.render.camera import render
 from pcdet_avp.sim.visibility import visible_vertices
 from pcdet_avp.sim.world import World
 from pcdet_avp.structures.boxes import transform_boxes

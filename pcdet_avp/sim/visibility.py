@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pcdet_avp.sim.raytracer import NO_FACE, RayTracer
+from pcdet_avp.sim.rays.raytracer import NO_FACE, RayTracer
 from pcdet_avp.sim.world import RoadUsers
 from pcdet_avp.structures.boxes import box_corners
 from pcdet_avp.structures.camera import PinholeCamera

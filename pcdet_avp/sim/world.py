@@ -13,13 +13,14 @@ import numpy as np
 
 from pcdet_avp.errors import GeometryError
 from pcdet_avp.sim.actors import Actor, Car, box_at, pose_at, released, stands
-from pcdet_avp.sim.building import building_mesh
-from pcdet_avp.sim.cars import CarSpec, car_mesh
-from pcdet_avp.sim.face_room import FaceRoom
 from pcdet_avp.sim.garage import GarageLayout
-from pcdet_avp.sim.lights import Lighting, headlamps_of
-from pcdet_avp.sim.mesh import Mesh
-from pcdet_avp.sim.raytracer import RayTracer, TriangleScene
+from pcdet_avp.sim.meshes.building import building_mesh
+from pcdet_avp.sim.meshes.car import car_mesh
+from pcdet_avp.sim.meshes.car_spec import CarSpec
+from pcdet_avp.sim.meshes.mesh import Mesh
+from pcdet_avp.sim.rays.face_tables import FaceRoom
+from pcdet_avp.sim.rays.raytracer import RayTracer, TriangleScene
+from pcdet_avp.sim.render.lights import Lighting, headlamps_of
 from pcdet_avp.structures.ego import EGO_LENGTH_M, EGO_WIDTH_M
 from pcdet_avp.structures.pose import Pose
 

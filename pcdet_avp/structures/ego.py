@@ -8,6 +8,7 @@ from pcdet_avp.structures.rotated_iou import bev_intersection
 
 EGO_LENGTH_M = 4.8
 EGO_WIDTH_M = 1.9
+BUMPER_X_M = EGO_LENGTH_M / 2  # front bumper, in the ego frame
 # In the ego frame, whose origin lies on the floor below the vehicle's centre.
 EGO_FOOTPRINT = np.array([[0.0, 0.0, 0.0, EGO_LENGTH_M, EGO_WIDTH_M, 1.0, 0.0]])
 

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from pcdet_avp.closed_loop.perceiver import Perceived
+from pcdet_avp.closed_loop.perception.perceiver import Perceived
 from pcdet_avp.sim.actors import Car, Pedestrian
-from pcdet_avp.sim.cars import CarSpec
-from pcdet_avp.sim.episodes import Scenario, Threat
 from pcdet_avp.sim.garage import GarageLayout, Wall
-from pcdet_avp.sim.lights import Lighting
-from pcdet_avp.sim.pedestrians import PedestrianSpec
+from pcdet_avp.sim.meshes.car_spec import CarSpec
+from pcdet_avp.sim.meshes.pedestrian_spec import PedestrianSpec
+from pcdet_avp.sim.render.lights import Lighting
+from pcdet_avp.sim.scenarios.scenario import Scenario, Threat
 from pcdet_avp.sim.trajectories import Path, Route, Waypoints
 
 GREY = (0.3, 0.3, 0.3)

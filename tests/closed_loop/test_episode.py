@@ -5,8 +5,8 @@ import pytest
 
 from pcdet_avp.closed_loop.episode import run_episode
 from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
-from pcdet_avp.closed_loop.oracle import AlwaysSlow, Blind, Oracle
-from pcdet_avp.closed_loop.perceiver import PerceiverSettings
+from pcdet_avp.closed_loop.perception.oracle import AlwaysSlow, Blind, Oracle
+from pcdet_avp.closed_loop.perception.perceiver import PerceiverSettings
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.sim.dynamics import LongitudinalModel
 from pcdet_avp.structures.sensor_set import SensorSet

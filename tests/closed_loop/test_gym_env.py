@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from pcdet_avp.closed_loop.episode import run_episode
-from pcdet_avp.closed_loop.oracle import Blind, Oracle
-from pcdet_avp.closed_loop.perceiver import PerceiverSettings
+from pcdet_avp.closed_loop.perception.oracle import Blind, Oracle
+from pcdet_avp.closed_loop.perception.perceiver import PerceiverSettings
 from pcdet_avp.errors import ConfigError
-from pcdet_avp.sim.episode_table import draw_scenario
+from pcdet_avp.sim.scenarios.table import draw_scenario
 from pcdet_avp.structures.sensor_set import SensorSet
 
 gymnasium = pytest.importorskip("gymnasium")
@@ -111,7 +111,7 @@ def test_only_the_environment_needs_gymnasium():
     code = """
 import sys
 sys.modules["gymnasium"] = None
-import pcdet_avp.closed_loop.film_sweep, pcdet_avp.closed_loop.report, pcdet_avp.closed_loop.sweep
+import pcdet_avp.closed_loop.video.video_sweep, pcdet_avp.closed_loop.report.report, pcdet_avp.closed_loop.sweep.sweep
 try:
     import pcdet_avp.closed_loop.gym_env
 except ImportError as error:

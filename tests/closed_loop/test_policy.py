@@ -7,8 +7,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pcdet_avp.closed_loop.policy import (
-    JunctionMap,
-    conflict_zone,
     junction_target_speed,
     target_speed,
     target_speed_law,
@@ -16,6 +14,7 @@ from pcdet_avp.closed_loop.policy import (
     walkers_target_speed,
 )
 from pcdet_avp.sim.dynamics import LongitudinalState, drive
+from pcdet_avp.sim.scenarios.junction_map import JunctionMap, conflict_zone
 from pcdet_avp.structures.boxes import bev_corners, transform_boxes
 from pcdet_avp.structures.pose import Pose
 

@@ -7,7 +7,7 @@ import torch
 
 from pcdet_avp.engine import checkpoint
 from pcdet_avp.errors import CheckpointError
-from pcdet_avp.models.checkpoint_file import read_checkpoint
+from pcdet_avp.models.weights.checkpoint_file import read_checkpoint
 
 CONTENT = {"model_state": {"w": torch.arange(5000.0)}, "it": 7}
 

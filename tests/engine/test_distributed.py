@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from pcdet_avp.engine import distributed
-from pcdet_avp.engine.run_state import restore_run, run_state
+from pcdet_avp.engine.training.run_state import restore_run, run_state
 from pcdet_avp.errors import ConfigError, TrainingError
 
 STEPS = 8  # enough for combinations with and without the LiDAR's encoder

@@ -8,8 +8,8 @@ from torch import nn
 
 from pcdet_avp.engine.distributed import Ranks
 from pcdet_avp.engine.loader import batches
-from pcdet_avp.engine.sampler import BatchPlan, CombinationBatchSampler
-from pcdet_avp.engine.trainer import Trainer
+from pcdet_avp.engine.training.sampler import BatchPlan, CombinationBatchSampler
+from pcdet_avp.engine.training.trainer import Trainer
 
 OPTIMIZATION = {
     "OPTIMIZER": "adam_onecycle",

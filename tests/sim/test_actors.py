@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from pcdet_avp.sim.actors import Car, Pedestrian, box_at, released, stands
-from pcdet_avp.sim.cars import draw_car
-from pcdet_avp.sim.pedestrians import draw_pedestrian
+from pcdet_avp.sim.meshes.car_spec import draw_car
+from pcdet_avp.sim.meshes.pedestrian_spec import draw_pedestrian
 from pcdet_avp.sim.trajectories import Pacing, Path, Route, Standing
 from pcdet_avp.structures.pose import Pose
 

@@ -6,8 +6,8 @@ import pytest
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.sim.garage import LANE_WIDTH_M, SLOT_DEPTH_M, SLOT_WIDTH_M, GarageLayout, Slot, Wall
 from pcdet_avp.sim.layouts import GarageConfig, draw_layout
-from pcdet_avp.sim.mesh import Material, box_mesh
-from pcdet_avp.sim.raytracer import RayTracer, TriangleScene
+from pcdet_avp.sim.meshes.mesh import Material, box_mesh
+from pcdet_avp.sim.rays.raytracer import RayTracer, TriangleScene
 from pcdet_avp.structures.pose import Pose
 from pcdet_avp.structures.rotated_iou import bev_intersection
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from pcdet_avp.sim.rig import SOURCES, Rig, capture, count_instances, sensor_rng
-from pcdet_avp.sim.scenarios import draw_training_scene
+from pcdet_avp.sim.scenarios.training_scene import draw_training_scene
 from pcdet_avp.structures.boxes import points_in_box, transform_boxes
 
 CAMERA = {"WIDTH": 480, "HEIGHT": 270, "HFOV_DEG": 90.0, "X_M": 0.0}
@@ -116,7 +116,7 @@ def test_both_lidars_place_the_same_wall_point_within_a_centimetre(frame, world,
 
 
 def test_pixels_and_points_of_a_car_lie_inside_its_box(frame, world, rig):
-    from pcdet_avp.sim.camera import render
+    from pcdet_avp.sim.render.camera import render
 
     rendered = render(
         world.ego_tracer(), rig.ego.camera, world.world_from_ego, world.lighting, sensor_rng(KEY, SOURCES[0])

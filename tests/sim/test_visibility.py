@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from pcdet_avp.sim.mesh import Material, Mesh, box_mesh
-from pcdet_avp.sim.raytracer import RayTracer, TriangleScene
+from pcdet_avp.sim.meshes.mesh import Material, Mesh, box_mesh
+from pcdet_avp.sim.rays.raytracer import RayTracer, TriangleScene
 from pcdet_avp.sim.visibility import blocked_by_others, visible_vertices
 from pcdet_avp.sim.world import RoadUsers
 from pcdet_avp.structures.camera import PinholeCamera

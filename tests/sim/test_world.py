@@ -5,10 +5,10 @@ import pytest
 
 from pcdet_avp.errors import GeometryError
 from pcdet_avp.sim.actors import Car, Pedestrian
-from pcdet_avp.sim.cars import draw_car
 from pcdet_avp.sim.layouts import draw_layout
-from pcdet_avp.sim.lights import draw_lighting
-from pcdet_avp.sim.pedestrians import draw_pedestrian
+from pcdet_avp.sim.meshes.car_spec import draw_car
+from pcdet_avp.sim.meshes.pedestrian_spec import draw_pedestrian
+from pcdet_avp.sim.render.lights import draw_lighting
 from pcdet_avp.sim.trajectories import Pacing, Path, Route, Standing
 from pcdet_avp.sim.world import BUILDING_INSTANCE, EGO_INSTANCE, World
 

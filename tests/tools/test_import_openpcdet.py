@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from pcdet_avp.errors import CheckpointError
-from pcdet_avp.models.checkpoint_file import read_checkpoint
+from pcdet_avp.models.weights.checkpoint_file import read_checkpoint
 
 REPOSITORY = Path(__file__).parents[2]
 CFG = str(REPOSITORY / "cfgs" / "avp" / "cp_tiny.yaml")

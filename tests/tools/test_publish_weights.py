@@ -6,9 +6,8 @@ import pytest
 import torch
 
 from pcdet_avp.engine.checkpoint import newest_first, save, weights_hash
-from pcdet_avp.engine.testing import THRESHOLDS_KEY
 from pcdet_avp.errors import CheckpointError
-from pcdet_avp.models.checkpoint_file import read_checkpoint
+from pcdet_avp.models.weights.checkpoint_file import THRESHOLDS_KEY, read_checkpoint
 
 
 def publish(load_tool, monkeypatch, ckpt, out):

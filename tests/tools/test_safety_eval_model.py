@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from pcdet_avp.closed_loop.driving_network import untrained
+from pcdet_avp.closed_loop.perception.network import untrained
 from pcdet_avp.config import load_config
 from pcdet_avp.engine.checkpoint import save
-from pcdet_avp.engine.testing import THRESHOLDS_KEY
 from pcdet_avp.errors import CheckpointError, ConfigError
+from pcdet_avp.models.weights.checkpoint_file import THRESHOLDS_KEY
 
 CFGS = Path(__file__).parents[2] / "cfgs" / "avp"
 

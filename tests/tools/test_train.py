@@ -12,7 +12,7 @@ import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from pcdet_avp.errors import CheckpointError, ConfigError
-from pcdet_avp.models.checkpoint_file import read_checkpoint
+from pcdet_avp.models.weights.checkpoint_file import read_checkpoint
 
 REPOSITORY = Path(__file__).parents[2]
 LAST = "checkpoint_epoch_2.pth"

@@ -10,8 +10,8 @@ from easydict import EasyDict
 from torch import nn
 
 from pcdet_avp.config import require
-from pcdet_avp.models.backbones_3d.camera_encoder import CameraEncoder
-from pcdet_avp.models.backbones_3d.lidar_encoder import LidarEncoder
+from pcdet_avp.models.encoders.camera_encoder import CameraEncoder
+from pcdet_avp.models.encoders.lidar_encoder import LidarEncoder
 from pcdet_avp.models.fusion.warp import WarpToEgo
 from pcdet_avp.registry import BACKBONES_2D, COMPRESSION, DENSE_HEADS, FUSERS
 from pcdet_avp.structures.bev_grid import BevGrid

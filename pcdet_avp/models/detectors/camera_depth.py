@@ -12,11 +12,11 @@ from torch import Tensor, nn
 
 from pcdet_avp.config import require
 from pcdet_avp.errors import ConfigError
-from pcdet_avp.models.backbones_3d.depth_branch import DepthBranch
-from pcdet_avp.models.backbones_3d.encoder import present_rows
-from pcdet_avp.models.backbones_3d.vfe.image.depth_loss import expected_depth
+from pcdet_avp.models.backbones_image.depth_loss import expected_depth
 from pcdet_avp.models.detectors.build import with_norm
 from pcdet_avp.models.detectors.loadable import LoadableDetector
+from pcdet_avp.models.encoders.depth_branch import DepthBranch
+from pcdet_avp.models.encoders.encoder import present_rows
 from pcdet_avp.registry import DETECTORS
 from pcdet_avp.structures.sensor_set import agent_of
 

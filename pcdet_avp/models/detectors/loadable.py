@@ -9,8 +9,8 @@ from typing import Any
 import torch
 from torch import nn
 
-from pcdet_avp.models.checkpoint_file import read_checkpoint
-from pcdet_avp.models.detectors.weights import load_weights
+from pcdet_avp.models.weights.checkpoint_file import read_checkpoint
+from pcdet_avp.models.weights.load import load_weights
 
 
 class LoadableDetector(nn.Module):

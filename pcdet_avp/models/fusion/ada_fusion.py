@@ -5,7 +5,7 @@ from __future__ import annotations
 from torch import Tensor
 
 from pcdet_avp.models.fusion.channel_ada import ChannelAdaFusion
-from pcdet_avp.models.fusion.masked import MapFuser, Maps, Masks, union
+from pcdet_avp.models.fusion.map_fuser import MapFuser, Maps, Masks, union
 from pcdet_avp.models.fusion.spatial_ada import SpatialAdaFusion
 from pcdet_avp.models.fusion.statistics import statistics
 from pcdet_avp.registry import FUSERS

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from pcdet_avp.models.fusion.masked import MapFuser, Maps, Masks
+from pcdet_avp.models.fusion.map_fuser import MapFuser, Maps, Masks
 from pcdet_avp.models.fusion.statistics import Statistics, descriptors
 from pcdet_avp.registry import FUSERS
 from pcdet_avp.structures.sensor_set import SOURCES

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from torch import Tensor
 
-from pcdet_avp.models.fusion.masked import MapFuser, Maps, Masks
+from pcdet_avp.models.fusion.map_fuser import MapFuser, Maps, Masks
 from pcdet_avp.models.fusion.statistics import statistics
 from pcdet_avp.registry import FUSERS
 

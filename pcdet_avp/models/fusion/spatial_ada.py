@@ -6,7 +6,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from pcdet_avp.models.fusion.masked import MapFuser, Maps, Masks, union
+from pcdet_avp.models.fusion.map_fuser import MapFuser, Maps, Masks, union
 from pcdet_avp.models.fusion.statistics import Statistics, statistics
 from pcdet_avp.registry import FUSERS
 

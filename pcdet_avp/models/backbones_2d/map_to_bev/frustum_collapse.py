@@ -14,13 +14,13 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor
 
-from pcdet_avp.models.backbones_2d.map_to_bev.camera_rays import CameraRays
 from pcdet_avp.models.backbones_2d.map_to_bev.pixel_bags import (
     add_table_gradient,
     bag_sum,
     bag_sum_with_weight_gradient,
     corner_offsets,
 )
+from pcdet_avp.models.backbones_2d.map_to_bev.voxel_projection import CameraRays
 from pcdet_avp.models.precision import without_autocast
 
 SAMPLINGS = ("trilinear", "factorised", "nearest")

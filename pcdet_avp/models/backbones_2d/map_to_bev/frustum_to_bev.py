@@ -9,9 +9,9 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from pcdet_avp.errors import ConfigError
-from pcdet_avp.models.backbones_2d.map_to_bev.camera_rays import CameraRays, trace_rays
 from pcdet_avp.models.backbones_2d.map_to_bev.frustum_collapse import SAMPLINGS, frustum_collapse
-from pcdet_avp.models.backbones_3d.vfe.image.depth_bins import DepthBins
+from pcdet_avp.models.backbones_2d.map_to_bev.voxel_projection import CameraRays, trace_rays
+from pcdet_avp.models.backbones_image.depth_bins import DepthBins
 from pcdet_avp.models.norm import ScaleNorm
 from pcdet_avp.models.precision import full_precision
 from pcdet_avp.registry import MAP_TO_BEV

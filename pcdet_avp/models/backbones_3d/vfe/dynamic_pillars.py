@@ -9,7 +9,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from pcdet_avp.errors import ConfigError, SensorError
-from pcdet_avp.models.backbones_3d.vfe.host_pillars import HostPillars
+from pcdet_avp.models.backbones_3d.vfe.openpcdet_pillars import HostPillars
 from pcdet_avp.models.backbones_3d.vfe.segment_max import segment_max
 from pcdet_avp.models.norm import BATCH_NORM
 from pcdet_avp.registry import VFE

@@ -10,10 +10,10 @@ from torch.nn import functional as F
 
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.models.backbones_2d.map_to_bev import frustum_collapse as module
-from pcdet_avp.models.backbones_2d.map_to_bev.camera_rays import CameraRays, trace_rays
 from pcdet_avp.models.backbones_2d.map_to_bev.frustum_collapse import frustum_collapse
 from pcdet_avp.models.backbones_2d.map_to_bev.frustum_to_bev import FrustumToBev
-from pcdet_avp.models.backbones_3d.vfe.image.depth_bins import DepthBins
+from pcdet_avp.models.backbones_2d.map_to_bev.voxel_projection import CameraRays, trace_rays
+from pcdet_avp.models.backbones_image.depth_bins import DepthBins
 from pcdet_avp.structures.bev_grid import BevGrid
 from pcdet_avp.structures.camera import PinholeCamera
 from pcdet_avp.structures.pose import Pose

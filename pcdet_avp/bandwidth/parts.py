@@ -1,0 +1,65 @@
+"""Results of single frames on disk, so that a study goes on where it stopped. Each file appears whole or not at all."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from pcdet_avp.bandwidth.frame_runner import FrameResult
+from pcdet_avp.bandwidth.late_fusion import Boxes
+from pcdet_avp.bandwidth.transmit import Sent
+from pcdet_avp.files import write_bytes
+
+
+class Parts:
+    """A folder with a file per frame; ``combos`` and ``labels`` give the order of the detections in a file."""
+
+    def __init__(self, folder: Path, combos: Sequence[str], labels: Sequence[str]) -> None:
+        self.folder, self.keys = folder, [(combo, label) for combo in combos for label in labels]
+
+    def save(self, frame_id: str, result: FrameResult) -> None:
+        """Write a frame's result aside and move it into place."""
+        lists = [*(result.found[key] for key in self.keys), result.roadside]
+        buffer = io.BytesIO()
+        rows, counts = np.concatenate([_rows(boxes) for boxes in lists]), [len(boxes.scores) for boxes in lists]
+        np.savez_compressed(buffer, rows=rows, counts=counts, sent=json.dumps(_plain(result)))
+        write_bytes(self._file(frame_id), buffer.getvalue())
+
+    def load(self, frame_id: str) -> FrameResult | None:
+        """A frame's result, or None where it has to be computed (again)."""
+        try:
+            with np.load(self._file(frame_id)) as content:
+                rows, counts, sent = content["rows"], content["counts"], json.loads(str(content["sent"]))
+        except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+            return None
+        *lists, roadside = (_boxes(part) for part in np.split(rows, np.cumsum(counts)[:-1]))
+        by_label = {
+            label: {source: Sent(**numbers) for source, numbers in of_label.items()}
+            for label, of_label in sent["sent"].items()
+        }
+        blocks = {int(mcs): of_mcs for mcs, of_mcs in sent["blocks"].items()}
+        return FrameResult(dict(zip(self.keys, lists, strict=True)), roadside, by_label, blocks)
+
+    def _file(self, frame_id: str) -> Path:
+        return self.folder / f"{frame_id.replace('/', '_')}.npz"
+
+
+def _rows(boxes: Boxes) -> np.ndarray:
+    """(n, 9) float32: box, score, label."""
+    return torch.cat([boxes.boxes, boxes.scores[:, None], boxes.labels[:, None]], 1).float().cpu().numpy()
+
+
+def _boxes(rows: np.ndarray) -> Boxes:
+    return Boxes(torch.from_numpy(rows[:, :7]), torch.from_numpy(rows[:, 7]), torch.from_numpy(rows[:, 8]).long())
+
+
+def _plain(result: FrameResult) -> dict:
+    sent = {label: {s: asdict(numbers) for s, numbers in of_label.items()} for label, of_label in result.sent.items()}
+    return {"sent": sent, "blocks": result.blocks}

@@ -1,0 +1,120 @@
+"""From a checkpoint to the numbers of every study; goes on where it stopped."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from torch import nn
+from tqdm import tqdm
+
+from pcdet_avp.bandwidth.frame_runner import FrameResult, FrameRunner
+from pcdet_avp.bandwidth.parts import Parts
+from pcdet_avp.bandwidth.plan import Point, make_plan, paper_budget_bytes
+from pcdet_avp.config import config_hash
+from pcdet_avp.engine.distributed import Ranks
+from pcdet_avp.engine.loader import batches
+from pcdet_avp.errors import ConfigError
+from pcdet_avp.models.compression.map_packets import precisions
+from pcdet_avp.models.detectors.split_inference import latent_shape
+from pcdet_avp.provenance import git_commit
+from pcdet_avp.structures.sensor_set import SensorSet
+
+ALL_SENSORS = "CL+CL"
+
+
+@dataclass(frozen=True)
+class StudyOptions:
+    """What is studied. ``every``: of each scene's frames, only so many; ``frames``: of those, only the first ones."""
+
+    studies: tuple[str, ...]
+    combos: tuple[str, ...]
+    every: int = 1
+    frames: int | None = None
+    mcs: int = 21
+    seed: int = 0
+    budget_bytes: int | None = None  # default: the paper's, scaled to this network's maps
+
+    def __post_init__(self) -> None:
+        if self.every < 1 or (self.frames is not None and self.frames < 1):
+            raise ConfigError(f"--every and --frames: expected 1 or more, found {self.every} and {self.frames}")
+        for name in self.combos:
+            if not SensorSet.parse(name).uses_infra:
+                raise ConfigError(f"--combos: {name} has no roadside; the vehicle alone is always in the tables")
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """Results of the frames ``chosen`` (indices into the data set), one each."""
+
+    options: StudyOptions
+    points: list[Point]
+    chosen: list[int]
+    results: list[FrameResult]
+    precision: str
+    budget_bytes: int
+    latent_shape: tuple[int, int, int]
+
+
+def choose_frames(frame_ids: Sequence[str], every: int, frames: int | None) -> list[int]:
+    """Every so many frames of each scene, so that no scene is left out."""
+    number: dict[str, int] = {}
+    chosen = []
+    for index, frame_id in enumerate(frame_ids):
+        scene = frame_id.rpartition("/")[0]
+        number[scene] = number.get(scene, -1) + 1
+        if number[scene] % every == 0:
+            chosen.append(index)
+    return chosen[:frames]
+
+
+def run_study(
+    model: nn.Module,
+    cfg: Mapping,
+    dataset: Any,
+    weights: str,
+    options: StudyOptions,
+    folder: Path,
+    ranks: Ranks,
+    logger: logging.Logger,
+    workers: int = 0,
+) -> Study:
+    """Every chosen frame through every point; parts of an earlier, interrupted run of the same study are used."""
+    precision, shape = precision_of(model), latent_shape(model)
+    budget = paper_budget_bytes(shape) if options.budget_bytes is None else options.budget_bytes
+    points = make_plan(options.studies, precision, budget)
+    chosen = choose_frames(dataset.frame_ids, options.every, options.frames)
+    key = _key(config_hash(cfg), weights, git_commit(), points, options.combos, options.mcs, options.seed)
+    parts = Parts(folder / f"frames_{key}", options.combos, [point.label for point in points])
+    held = {index: parts.load(dataset.frame_ids[index]) for index in chosen}
+    missing = [index for index, result in held.items() if result is None]
+    if len(missing) < len(chosen):
+        logger.info(f"{parts.folder}: {len(chosen) - len(missing)} of {len(chosen)} frames are done")
+    runner = FrameRunner(model.eval(), points, options.combos, options.mcs, options.seed)
+    for index, result in _computed(runner, dataset, missing, len(chosen), ranks, workers):
+        parts.save(dataset.frame_ids[index], result)
+        held[index] = parts.load(dataset.frame_ids[index])
+    return Study(options, points, chosen, [held[index] for index in chosen], precision, budget, shape)
+
+
+def _computed(runner, dataset, missing, total, ranks, workers) -> Iterator[tuple[int, FrameResult]]:
+    keys = [[(index, ALL_SENSORS)] for index in missing]
+    title = f"{len(runner.points)} points, {dataset.split}"
+    with tqdm(total=total, initial=total - len(missing), unit="frame", desc=title) as bar:
+        for index, batch_dict in zip(missing, batches(dataset, keys, ranks, workers), strict=True):
+            yield index, runner(batch_dict)
+            bar.update(1)
+
+
+def _key(*parts: Any) -> str:
+    """Eight digits that change with anything that changes a result."""
+    return hashlib.sha256(repr(parts).encode()).hexdigest()[:8]
+
+
+def precision_of(model: nn.Module) -> str:
+    """What the network's maps were trained to travel as."""
+    return next(iter(precisions(model.codec, "bandwidth report").values()))

@@ -1,0 +1,1 @@
+"""What the car is told: reference perceivers, line of sight, and the network behind a radio link."""

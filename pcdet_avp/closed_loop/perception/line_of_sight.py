@@ -1,0 +1,72 @@
+"""Perfect eyes where the sensors are: the limit of their placement.
+
+A road user is found if one of the combination's cameras has 30 pixels on it or one of its LiDARs 5 returns (the
+random drop-off left out), within the vehicle's map. Only those who come into the ego's way are looked for: vehicles
+in mapped slots never matter to the policy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from pcdet_avp.closed_loop.perception.perceiver import Missed, Perceived, PerceiverSettings
+from pcdet_avp.sim.rays.sightline import camera_sees, lidar_sees
+from pcdet_avp.sim.rig import Rig
+from pcdet_avp.sim.scenarios.scenario import Scenario
+from pcdet_avp.sim.world import World
+from pcdet_avp.structures.bev_grid import BevGrid
+from pcdet_avp.structures.boxes import transform_boxes
+from pcdet_avp.structures.sensor_set import SensorSet
+
+PIXELS, RETURNS = 30, 5
+
+
+class LineOfSight:
+    """All threats in line of sight of the combination's sensors."""
+
+    def __init__(self, settings: PerceiverSettings) -> None:
+        self._rig = Rig.from_config(settings.data_cfg["SENSORS"])
+        self._grid = BevGrid.from_range(settings.data_cfg["POINT_CLOUD_RANGE"], settings.data_cfg["VOXEL_SIZE"])
+        self._sought: tuple[int, ...] = ()
+
+    def begin(self, scenario: Scenario, seed_key: Sequence[int]) -> None:
+        self._sought = tuple(threat.object_id for threat in scenario.threats)
+
+    def perceive(self, world: World, tick: int, combo: SensorSet) -> Perceived:
+        users = world.road_users()
+        rows = np.flatnonzero(np.isin(users.object_ids, self._sought))
+        boxes, names = transform_boxes(world.world_from_ego.inverse(), users.boxes[rows]), users.names[rows]
+        inside = self._grid.contains_bev(boxes)
+        verdicts = [
+            self._sight(world, int(number), combo) if near else None
+            for number, near in zip(users.object_ids[rows], inside, strict=True)
+        ]
+        seen = np.array([verdict is True for verdict in verdicts], bool)
+        outside = np.array([verdict is None for verdict in verdicts], bool)
+        missed = Missed(boxes[~seen], names[~seen], outside[~seen])
+        return Perceived(boxes[seen], names[seen], np.ones(int(seen.sum())), missed=missed)
+
+    def _sight(self, world: World, object_id: int, combo: SensorSet) -> bool | None:
+        """True: seen. False: hidden. None: in no sensor's field of view."""
+        verdict = None
+        for found in self._by_sensor(world, object_id, combo):
+            if found:
+                return True
+            verdict = verdict if found is None else found
+        return verdict
+
+    def _by_sensor(self, world: World, object_id: int, combo: SensorSet) -> Iterator[bool | None]:
+        """One sensor's verdict after the other, LiDARs first (they are asked fewer rays)."""
+        mesh = world.mesh_of(object_id)
+        for agent, pose, rig, lidar, camera in (
+            ("ego", world.world_from_ego, self._rig.ego, combo.ego_lidar, combo.ego_camera),
+            ("infra", world.world_from_infra, self._rig.infra, combo.infra_lidar, combo.infra_camera),
+        ):
+            if lidar or camera:
+                tracer = world.ego_tracer() if agent == "ego" else world.infra_tracer()
+            if lidar:
+                yield lidar_sees(tracer, rig.lidar, pose, mesh, object_id, RETURNS)
+            if camera:
+                yield camera_sees(tracer, rig.camera, pose, mesh, object_id, PIXELS)

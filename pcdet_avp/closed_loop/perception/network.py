@@ -1,0 +1,107 @@
+"""The trained network as the car drives with it: weights and the score thresholds chosen for driving."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+
+from pcdet_avp.config import apply_overrides, load_config
+from pcdet_avp.datasets.avp.network_input import NetworkInput
+from pcdet_avp.engine.checkpoint import load_model, weights_hash
+from pcdet_avp.errors import CheckpointError, ConfigError
+from pcdet_avp.models import build_network
+from pcdet_avp.models.precision import SLOW_BF16, emulates_bf16
+from pcdet_avp.models.weights.checkpoint_file import THRESHOLDS_KEY, read_checkpoint
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, eq=False)
+class DrivingNetwork:
+    """A network in evaluation mode and what it must be fed with; ``facts`` say where its weights come from."""
+
+    network: nn.Module
+    input: NetworkInput
+    sensors: Mapping[str, Any]  # DATA_CONFIG.SENSORS
+    facts: Mapping[str, Any]
+    amp: bool = False  # compute in bf16 where that is safe, as training with --use_amp does
+
+    @contextmanager
+    def computing(self) -> Iterator[None]:
+        """What the network runs in: no gradients, the chosen precision."""
+        with torch.inference_mode(), torch.autocast(self.device.type, torch.bfloat16, enabled=self.amp):
+            yield
+
+    @property
+    def device(self) -> torch.device:
+        return self.network.global_step.device
+
+
+def untrained(cfg: Mapping, seed: int = 0) -> DrivingNetwork:
+    """A network with random weights: to try things out and to measure times."""
+    network_input = NetworkInput.from_config(cfg["DATA_CONFIG"], cfg["CLASS_NAMES"])
+    torch.manual_seed(seed)
+    network = build_network(cfg["MODEL"], len(cfg["CLASS_NAMES"]), network_input).eval().requires_grad_(False)
+    facts = {"checkpoint": None, "iterations": 0, "weights_hash": weights_hash(network.state_dict())}
+    return DrivingNetwork(network, network_input, cfg["DATA_CONFIG"]["SENSORS"], facts)
+
+
+def load(
+    cfg_file: str | None, overrides: Sequence[str], ckpt: str | None, sha256: str | None = None, amp: bool = False
+) -> DrivingNetwork:
+    """The network of a configuration with the weights of a checkpoint; a process reads them once.
+
+    ``sha256`` is what the file must hash to: nobody must drive with other weights because training went on.
+    """
+    if cfg_file is None or ckpt is None:
+        missing = "--cfg FILE" if cfg_file is None else "--ckpt FILE"
+        raise ConfigError(f"--perception model needs a configuration and trained weights: give {missing}")
+    try:
+        written_ns = Path(ckpt).stat().st_mtime_ns
+    except OSError as error:
+        raise CheckpointError(f"{ckpt}: cannot read this checkpoint ({error.strerror})") from error
+    return _load(str(cfg_file), tuple(overrides), str(ckpt), written_ns, sha256, amp)
+
+
+@lru_cache(maxsize=1)
+def _load(
+    cfg_file: str, overrides: tuple[str, ...], ckpt: str, _written_ns: int, sha256: str | None, amp: bool
+) -> DrivingNetwork:
+    """``_written_ns`` makes a file that was written anew be read anew."""
+    cfg, content = apply_overrides(load_config(cfg_file), list(overrides)), read_checkpoint(ckpt)
+    if sha256 is not None and hashlib.sha256(Path(ckpt).read_bytes()).hexdigest() != sha256:
+        raise CheckpointError(f"{ckpt}: was written anew meanwhile; give a checkpoint that stays as it is")
+    driving = untrained(cfg)
+    if amp and emulates_bf16(driving.device):
+        logger.warning(SLOW_BF16)
+    load_model(driving.network, content, ckpt)
+    thresholds = content.get(THRESHOLDS_KEY) or {}
+    _use_thresholds(driving, thresholds, ckpt)
+    facts = {
+        "checkpoint": Path(ckpt).name,
+        "iterations": content.get("it"),
+        "weights_hash": weights_hash(content["model_state"]),
+        THRESHOLDS_KEY: dict(thresholds),
+    }
+    return replace(driving, facts=facts, amp=amp)
+
+
+def _use_thresholds(driving: DrivingNetwork, thresholds: Mapping[str, float], ckpt: str) -> None:
+    """Detections of a class count from its threshold on; a class without one keeps POST_PROCESSING.SCORE_THRESH."""
+    missing = [name for name in driving.input.class_names if name not in thresholds]
+    if missing:
+        logger.warning("%s: no score threshold for driving for %s; POST_PROCESSING's is used", ckpt, ", ".join(missing))
+    post = driving.network.post_processing
+    for k, name in enumerate(driving.input.class_names):
+        if name in thresholds:  # the post-processing asks for more than its threshold
+            post.min_scores[k] = float(np.nextafter(np.float32(thresholds[name]), np.float32(-1)))

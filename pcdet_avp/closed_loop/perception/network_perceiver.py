@@ -1,0 +1,127 @@
+"""The trained network in the loop: the one place where garage and network meet.
+
+Every tick: both agents observe, the roadside encodes its maps to bytes, the link carries what it can, and the
+vehicle fuses what it holds with what it sees itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import torch
+
+from pcdet_avp.closed_loop.perception import network as driving_network
+from pcdet_avp.closed_loop.perception.downlink import Downlink
+from pcdet_avp.closed_loop.perception.link_options import LinkOptions
+from pcdet_avp.closed_loop.perception.network import DrivingNetwork
+from pcdet_avp.closed_loop.perception.perceiver import Message, Perceived, PerceiverSettings
+from pcdet_avp.closed_loop.perception.roadside_unit import RoadsideUnit
+from pcdet_avp.closed_loop.perception.vehicle_unit import Maps, Onboard
+from pcdet_avp.freed_memory import keep_freed_memory
+from pcdet_avp.link.channel import IdealChannel
+from pcdet_avp.sim.rig import Rig, observe
+from pcdet_avp.sim.scenarios.scenario import Scenario
+from pcdet_avp.sim.world import World
+from pcdet_avp.structures.frame import Frame
+from pcdet_avp.structures.pose import Pose
+from pcdet_avp.structures.sensor_set import SensorSet
+
+LINK_STREAM, LOCALISATION_STREAM, CUT_STREAM = 0, 1, 2  # of an episode's randomness, beside the sensors'
+
+
+def build_network_perceiver(settings: PerceiverSettings) -> NetworkPerceiver:
+    """What ``--perception model`` names. With one torch thread: episodes run side by side."""
+    options = LinkOptions.of(settings.link, settings.options)
+    driving = driving_network.load(
+        settings.cfg_file, settings.overrides, settings.ckpt, settings.ckpt_sha256, settings.use_amp
+    )
+    torch.set_num_threads(1)
+    keep_freed_memory()
+    return NetworkPerceiver(driving, options)
+
+
+class NetworkPerceiver:
+    """A roadside unit, a link and a vehicle. What it finds follows from the episode's key, world and ticks alone."""
+
+    def __init__(self, driving: DrivingNetwork, options: LinkOptions) -> None:
+        self._driving, self._options, self._rig = driving, options, rig_ahead(driving)
+        ideal = options.link == "ideal"
+        segment_bytes = IdealChannel.max_segment_bytes if ideal else options.nr_v2x().max_segment_bytes
+        self._unit = RoadsideUnit(driving, segment_bytes)
+
+    @property
+    def facts(self) -> Mapping[str, Any]:
+        """Where the weights come from: checkpoint, iterations, weights_hash, score_thresholds."""
+        return self._driving.facts
+
+    def begin(self, scenario: Scenario, seed_key: Sequence[int]) -> None:
+        """A vehicle that has heard nothing yet."""
+        self._name, self._key = f"{scenario.name}/{scenario.trial}", tuple(seed_key)
+        self._downlink = Downlink(self._options, self._stream(LINK_STREAM))
+        self._vehicle = Onboard(self._driving, 1e-3 * self._options.hold_ms)
+        self._true_from_believed = drawn_error(self._options, self._stream(LOCALISATION_STREAM))
+        self._sent_bytes: dict[tuple[str, int], int] = {}
+        self._silent_from_s: float | None = None  # not known before the first map
+
+    def perceive(self, world: World, tick: int, combo: SensorSet) -> Perceived:
+        """Sensors that ``combo`` lacks capture and send nothing; maps received earlier are used while they are held."""
+        if combo.uses_infra and self._is_cut(world.time_s):
+            combo = replace(combo, infra_camera=False, infra_lidar=False)
+        frame = observe(world, self._rig, (*self._key, tick), f"{self._name}/{tick}", combo.sources)
+        if combo.uses_infra:
+            self._send(frame, combo, tick)
+        self._vehicle.hear(self._downlink.receive(frame.time_s))
+        held = self._vehicle.held(frame.time_s)
+        believed = frame.ego.world_from_agent @ self._true_from_believed
+        found = self._vehicle.detect(frame, combo.ego_camera, combo.ego_lidar, believed, held)
+        return Perceived(found.boxes, found.names, found.scores, self._messages(held, frame.time_s))
+
+    def _is_cut(self, time_s: float) -> bool:
+        """Whether the roadside has fallen silent; the first time that it is asked, when it will is drawn."""
+        if self._silent_from_s is None:
+            within_s = self._options.cut_within_s
+            share = self._stream(CUT_STREAM).random()
+            self._silent_from_s = np.inf if within_s is None else time_s + share * within_s
+        return time_s > self._silent_from_s
+
+    def _send(self, frame: Frame, combo: SensorSet, tick: int) -> None:
+        packets = self._unit.packets(frame, combo.infra_camera, combo.infra_lidar, tick)
+        for source, payloads in packets.items():
+            self._sent_bytes[source, tick] = sum(map(len, payloads))
+            self._downlink.offer(source, payloads, frame.time_s)
+
+    def _messages(self, held: Maps, time_s: float) -> tuple[Message, ...]:
+        now_us = round(1e6 * time_s)
+        return tuple(
+            Message(source, self._sent_bytes[source, known.stamp.frame_id], (now_us - known.stamp.time_us) / 1e6)
+            for source, known in held.items()
+        )
+
+    def _stream(self, number: int) -> np.random.Generator:
+        return np.random.default_rng(np.random.SeedSequence(self._key, spawn_key=(number,)))
+
+
+def rig_ahead(driving: DrivingNetwork) -> Rig:
+    """The sensors that the network was trained with; of a full turn of the vehicle's LiDAR, the half that lies ahead.
+
+    The other half is outside the vehicle's map, which begins at the LiDAR. The rays that are left are the same.
+    """
+    rig, grid = Rig.from_config(driving.sensors), driving.input.prepare_config.grid
+    lidar = rig.ego.lidar
+    behind = lidar.agent_from_lidar.translation[0] <= grid.x_min_m and np.allclose(
+        lidar.agent_from_lidar.rotation, np.eye(3)
+    )
+    if not behind or lidar.columns % 4 or not np.isclose(lidar.azimuth_span, 2 * np.pi):
+        return rig
+    ahead = replace(lidar, columns=lidar.columns // 2, azimuth_span=np.pi)
+    return replace(rig, ego=replace(rig.ego, lidar=ahead))
+
+
+def drawn_error(options: LinkOptions, generator: np.random.Generator) -> Pose:
+    """true_from_believed: the vehicle's error about its own pose, in its own frame."""
+    x, y, yaw = generator.standard_normal(3)
+    yaw *= np.radians(options.yaw_noise_deg)
+    return Pose.from_xyz_yaw(x * options.position_noise_m, y * options.position_noise_m, yaw=yaw)

@@ -1,0 +1,82 @@
+"""The protocol of everything that tells the car about its surroundings; ``factory.py`` lists its implementations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+
+from pcdet_avp.sim.scenarios.scenario import Scenario
+from pcdet_avp.sim.world import World
+from pcdet_avp.structures.sensor_set import SensorSet
+
+
+@dataclass(frozen=True)
+class Message:
+    """One roadside map that was used: its source (of ``SOURCES``), its size as sent, and its age when used."""
+
+    source: str
+    bytes: int
+    age_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class Missed:
+    """Road users that no sensor found: boxes (M, 7) in the ego frame, names (M,); ``outside`` (M,): in no sensor's
+    field of view or beyond the map, rather than occluded."""
+
+    boxes: np.ndarray
+    names: np.ndarray
+    outside: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Perceived:
+    """Detections of one tick: boxes (N, 7) in the ego frame at the time of observation, names (N,), scores (N,)."""
+
+    boxes: np.ndarray
+    names: np.ndarray
+    scores: np.ndarray
+    messages: tuple[Message, ...] = ()
+    missed: Missed | None = None  # only where the perceiver knows the truth
+
+    @classmethod
+    def nothing(cls) -> Perceived:
+        return cls(np.zeros((0, 7)), np.zeros(0, "<U10"), np.zeros(0))
+
+
+class Perceiver(Protocol):
+    """Whatever turns a world into detections. One perceiver serves many episodes, one after the other."""
+
+    def begin(self, scenario: Scenario, seed_key: Sequence[int]) -> None:
+        """An episode starts; all randomness in it follows from ``seed_key`` (and the tick)."""
+        ...
+
+    def perceive(self, world: World, tick: int, combo: SensorSet) -> Perceived:
+        """What is found in the world as it stands now; ticks grow, but some may be left out while perception sleeps."""
+        ...
+
+
+@dataclass(frozen=True)
+class PerceiverSettings:
+    """What a perceiver is built from: plain values only, so that they travel to a worker.
+
+    ``data_cfg`` is DATA_CONFIG as a plain dict (``SENSORS``, ``POINT_CLOUD_RANGE``, ``VOXEL_SIZE``). The rest is read
+    by ``model`` alone: the configuration file and its ``--set`` overrides, the checkpoint, the SHA-256 of its file
+    (None: any), whether it computes in bf16, and the link with its options (see ``link_options``).
+    """
+
+    data_cfg: Mapping[str, Any]
+    cfg_file: str | None = None
+    overrides: tuple[str, ...] = ()
+    ckpt: str | None = None
+    ckpt_sha256: str | None = None
+    use_amp: bool = False
+    link: str = "ideal"
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+
+SENSORLESS = ("oracle", "blind", "always_slow")  # these see the same with every sensor combination
+BASELINE = "always_slow"  # a line of every crash table: a timid car must not win

@@ -1,0 +1,58 @@
+"""The vehicle's computer: its own sensors, what it received, and what it makes of both."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import torch
+
+from pcdet_avp.closed_loop.perception.network import DrivingNetwork
+from pcdet_avp.datasets.avp.collate import collate, load_batch
+from pcdet_avp.datasets.avp.prepare import prepare
+from pcdet_avp.evaluation.inputs import Detections
+from pcdet_avp.link.packet import LatentMap
+from pcdet_avp.link.receiver import Receiver
+from pcdet_avp.models.detectors.split_inference import VehicleHalf
+from pcdet_avp.structures.frame import Frame
+from pcdet_avp.structures.pose import Pose
+from pcdet_avp.structures.sensor_set import INFRA_SOURCES, SensorSet, modality_of
+
+Maps = dict[str, LatentMap]  # by source
+
+
+class Onboard:
+    """One vehicle in one episode. Received maps count until they are ``hold_s`` old."""
+
+    def __init__(self, driving: DrivingNetwork, hold_s: float) -> None:
+        self._driving, self._half = driving, VehicleHalf(driving.network)
+        self._receiver = Receiver(self._half.shape, round(1e6 * hold_s))
+
+    def hear(self, payloads: Iterable[bytes]) -> None:
+        """Take what arrived; damaged, foreign, repeated and outdated segments are as if they had never come."""
+        for payload in payloads:
+            self._receiver.push(payload)
+
+    def held(self, time_s: float) -> Maps:
+        """The newest map worth using of every roadside source at a time; empty where nothing is young enough."""
+        taken = {source: self._receiver.take(modality_of(source), round(1e6 * time_s)) for source in INFRA_SOURCES}
+        return {source: known for source, known in taken.items() if known is not None}
+
+    def detect(self, frame: Frame, camera: bool, lidar: bool, world_from_ego: Pose, held: Maps) -> Detections:
+        """What it finds, in the ego frame; of the frame only the vehicle's view is read.
+
+        ``world_from_ego`` is where the vehicle believes to be: with each map's own pose it places that map.
+        """
+        batch_dict = self.run(frame, camera, lidar, world_from_ego, held)
+        with torch.inference_mode():
+            found, _ = self._driving.network.post_processing(batch_dict)
+        names = np.array(self._driving.input.class_names)[found[0]["pred_labels"].cpu().numpy() - 1]
+        boxes, scores = (found[0][key].cpu().double().numpy() for key in ("pred_boxes", "pred_scores"))
+        return Detections(frame.frame_id, boxes, names, scores)
+
+    def run(self, frame: Frame, camera: bool, lidar: bool, world_from_ego: Pose, held: Maps) -> dict:
+        """As ``detect``, up to the head's boxes and logits (see ``AnchorHeadSingle``)."""
+        sample = prepare(frame, SensorSet(camera, lidar, False, False), self._driving.input.prepare_config)
+        batch_dict = load_batch(collate([sample]), self._driving.device)
+        with self._driving.computing():
+            return self._half.run(batch_dict, world_from_ego, held.values())

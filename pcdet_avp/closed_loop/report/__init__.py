@@ -1,0 +1,1 @@
+"""Crash tables, plots and the report of a sweep."""

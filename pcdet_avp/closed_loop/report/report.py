@@ -1,0 +1,166 @@
+"""``report.md`` of a sweep: the paper's tables III and IV with ours, intervals, curves, and what was not run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from pcdet_avp.closed_loop.perception.perceiver import BASELINE
+from pcdet_avp.closed_loop.report.crash_tables import (
+    NOT_RUN,
+    TOO_FEW,
+    crash_table,
+    gain_lines,
+    has_paper_rows,
+    pace_table,
+    side_table,
+)
+from pcdet_avp.closed_loop.report.plots import detection_figure, law_figure, speed_crash_figure, write_figure
+from pcdet_avp.closed_loop.report.side_columns import side_columns
+from pcdet_avp.closed_loop.sweep.crash_statistics import SAFE_RATE
+from pcdet_avp.closed_loop.sweep.results import Results, read_results
+from pcdet_avp.files import write_text
+
+REPORT, FIGURES = "report.md", "figures"
+SCENARIOS = {
+    "pedestrian": "Pedestrian crossing",
+    "pedestrian_late": "Pedestrian crossing, late sight",
+    "t_junction": "T-junction",
+    "t_junction_wide": "T-junction, arrival +-1 s",
+}
+PAPER_NAMES = {
+    "pedestrian": "table III",
+    "pedestrian_late": "table III",
+    "t_junction": "table IV",
+    "t_junction_wide": "table IV",
+}
+PERCEPTIONS = {
+    "oracle": "every road user is known (the limit of the control law and of physics)",
+    "los": "whatever a sensor of the combination has in line of sight is known (the limit of the sensors' places)",
+    "blind": "nothing is ever perceived",
+    "model": "the trained network",
+    "always_slow": "half the cruising speed near every gap and junction, whatever is there",
+}
+
+
+def write_report(folder: Path) -> Path:
+    """Write ``report.md`` and its figures from ``summary.json`` and ``episodes.csv`` in ``folder``; its path."""
+    results = read_results(folder)
+    lines = [f"# How fast may the car drive? {_perceptions(results)}", "", *_provenance(results), ""]
+    for scenario, perception in shown_groups(results):
+        lines += [*_section(results, scenario, perception, folder / FIGURES), ""]
+    lines += _law_section(folder / FIGURES)
+    write_text(folder / REPORT, "\n".join(lines).rstrip() + "\n")
+    return folder / REPORT
+
+
+def shown_groups(results: Results) -> list[tuple[str, str]]:
+    """Scenario and perception of every section; the baseline has one only where nothing else was run."""
+    groups = results.groups()
+    return [group for group in groups if group[1] != BASELINE] or groups
+
+
+def title(results: Results, scenario: str, perception: str) -> str:
+    """``T-junction, perception model (cp_small)``: what every table and figure is headed with."""
+    return f"{SCENARIOS.get(scenario, scenario)}, perception {_who(results, perception)}"
+
+
+def _who(results: Results, perception: str) -> str:
+    return f"{perception} ({results.meta.get('config', 'unknown network')})" if perception == "model" else perception
+
+
+def _perceptions(results: Results) -> str:
+    found = dict.fromkeys(perception for _, perception in shown_groups(results))
+    return f"Perception {', '.join(_who(results, name) for name in found)}" if found else "Nothing was run yet"
+
+
+def _provenance(results: Results) -> list[str]:
+    """What was run, how, and by which code."""
+    meta = results.meta
+    commands = meta.get("commands") or [meta.get("command")]
+    facts = {
+        **{f"command {k}" if len(commands) > 1 else "command": f"`{c}`" for k, c in enumerate(commands, start=1)},
+        "seed": meta.get("seed"),
+        "commit": meta.get("git_commit"),
+        "weights": meta.get("weights_hash"),
+        "versions": ", ".join(f"{k} {v}" for k, v in (meta.get("versions") or {}).items()),
+        "machine": ", ".join(f"{k} {v}" for k, v in (meta.get("machine") or {}).items()),
+        "episodes": _episodes(results),
+    }
+    return [f"- {name}: {value}" for name, value in facts.items() if value not in (None, "")]
+
+
+def _episodes(results: Results) -> str:
+    """How many, and what they took one by one."""
+    count, wall_s = sum(cell.trials for cell in results.cells.values()), results.meta.get("episodes_wall_s")
+    return f"{count}" if wall_s is None else f"{count}; their wall times add up to {wall_s / 60:.1f} minutes"
+
+
+def _section(results: Results, scenario: str, perception: str, figures: Path) -> list[str]:
+    head, stem = title(results, scenario, perception), f"{scenario}_{perception}"
+    curves = speed_crash_figure(results, scenario, perception, f"{head}: crashes")
+    lines = [f"## {head}", "", f"`{perception}`: {PERCEPTIONS.get(perception, 'a perception of your own')}.", ""]
+    lines += _crash_part(results, scenario, perception, head)
+    lines += ["", *_pace_part(results, scenario, perception, head), ""]
+    lines += [*_picture(figures / f"crashes_{stem}.png", curves, f"{head}: crash rate against cruising speed")]
+    for column in side_columns(results.group(scenario, perception)):
+        lines += ["", f"**{head}: {column.heading}**", "", *side_table(results, scenario, perception, column)]
+    if any(len(cell.measured("first_detection_m")) for cell in results.group(scenario, perception)):
+        far = detection_figure(results, scenario, perception, f"{head}: first detection")
+        lines += ["", *_picture(figures / f"detection_{stem}.png", far, f"{head}: distance of the first detection")]
+    return lines
+
+
+def _crash_part(results: Results, scenario: str, perception: str, head: str) -> list[str]:
+    table = crash_table(results, scenario, perception)
+    gains = gain_lines(results, scenario, perception)
+    counted = "any contact" if scenario.startswith("t_junction") else "a walker met by the front"
+    beside = f", with the paper's {PAPER_NAMES[scenario]}" if has_paper_rows(scenario, perception) else ""
+    return [
+        f"**{head}: crashes** ({counted}) of n episodes{beside}.",
+        "In brackets the rate's 95 % Clopper-Pearson interval in percent. Bold: the highest speed up to which no crash",
+        f"occurred. Last column: the highest speed at which the one-sided 95 % bound stays below {SAFE_RATE:.0%}.",
+        *_marks(table),
+        "",
+        *table,
+        *(["", "What the roadside adds to the maximum safe speed:", "", *gains] if gains else []),
+    ]
+
+
+def _marks(table: list[str]) -> list[str]:
+    """What the marks mean that a table has."""
+    text = "\n".join(table)
+    marks = {
+        "| >= ": "`>=`: nothing faster was run.",
+        "| < ": "`<`: the slowest speed that was run is not safe.",
+        TOO_FEW: f"`{TOO_FEW}`: with so few trials even no crash at all does not bound the rate so far.",
+        NOT_RUN: f"`{NOT_RUN}`: left out, or still to come; it does not mean safe.",
+    }
+    return [meaning for mark, meaning in marks.items() if mark in text]
+
+
+def _pace_part(results: Results, scenario: str, perception: str, head: str) -> list[str]:
+    return [
+        f"**{head}: what safety costs.** How fast the car gets on at its maximum safe speed.",
+        "The baseline `always slow` halves its speed near every gap and junction, whatever is there: it brakes for",
+        "nothing, and by crashes alone it might win.",
+        "",
+        *pace_table(results, scenario, perception),
+    ]
+
+
+def _law_section(figures: Path) -> list[str]:
+    return [
+        "## The law of the target speed",
+        "",
+        "What the car aims at for a walker ahead, as a share of its cruising speed (the paper's heat map). Distances",
+        "are those from the front bumper and from the car's centre line to the nearest point of the walker's box.",
+        "",
+        *_picture(figures / "target_speed.png", law_figure(), "Heat map of the target speed"),
+    ]
+
+
+def _picture(file: Path, figure: Figure, text: str) -> list[str]:
+    write_figure(figure, file)
+    return [f"![{text}]({file.parent.name}/{file.name})"]

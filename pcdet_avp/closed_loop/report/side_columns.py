@@ -1,0 +1,94 @@
+"""What the report says of every cell beside its crashes, so that neither a timid nor a lucky car looks good."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from pcdet_avp.closed_loop.sweep.results import Cell
+
+
+class SideColumn(NamedTuple):
+    """A table's heading and the text of its cells; ``of_perception``: it tells of detections, which the baseline has
+    none of."""
+
+    heading: str
+    text: Callable[[Cell], str]
+    of_perception: bool = False
+
+
+def side_columns(cells: Sequence[Cell]) -> list[SideColumn]:
+    """Every table that has something to say about these cells."""
+    columns = [
+        SideColumn("mean speed (m/s), share of false braking (%)", _pace),
+        SideColumn(
+            "contacts with the front / with the side", lambda c: f"{c.outcomes('front')} / {c.outcomes('side')}"
+        ),
+        SideColumn("smallest distance (m) / smallest time to collision (s): medians", _nearness),
+        SideColumn("hardest deceleration (m/s2) / fastest impact (m/s)", _violence),
+    ]
+    if any(_has(cell, "first_detection_m") for cell in cells):
+        heading = "first detection, m ahead of the bumper: median (episodes without any, %)"
+        columns.append(SideColumn(heading, _first_detection, of_perception=True))
+    if any(_has(cell, "missed_outside") or _has(cell, "missed_occluded") for cell in cells):
+        heading = "threats unseen, ticks per episode: outside every field of view / occluded"
+        columns.append(SideColumn(heading, _misses, of_perception=True))
+    if any(_has(cell, "messages") for cell in cells):
+        heading = "roadside maps used: mean size (kB) / mean age (ms)"
+        columns.append(SideColumn(heading, _messages, of_perception=True))
+    if any(_unfinished(cell) for cell in cells):
+        columns.append(SideColumn("episodes that the time limit cut off", lambda cell: str(_unfinished(cell))))
+    return columns
+
+
+def _unfinished(cell: Cell) -> int:
+    return sum(row.get("finished") == "False" for row in cell.episodes)
+
+
+def _has(cell: Cell, column: str) -> bool:
+    return bool((cell.measured(column) > 0).any())
+
+
+def _pace(cell: Cell) -> str:
+    return f"{_mean(cell, 'mean_speed')}, {_mean(cell, 'false_brake_share', 100)}"
+
+
+def _first_detection(cell: Cell) -> str:
+    never = np.isnan(cell.values("first_detection_m")).mean()
+    return f"{_median(cell, 'first_detection_m')} ({100 * never:.0f})"
+
+
+def _nearness(cell: Cell) -> str:
+    return f"{_median(cell, 'min_distance_m')} / {_median(cell, 'min_ttc_s')}"
+
+
+def _violence(cell: Cell) -> str:
+    return f"{_most(cell, 'hardest_deceleration')} / {_most(cell, 'impact_speed')}"
+
+
+def _misses(cell: Cell) -> str:
+    return f"{_mean(cell, 'missed_outside')} / {_mean(cell, 'missed_occluded')}"
+
+
+def _messages(cell: Cell) -> str:
+    if not _has(cell, "messages"):
+        return "- / -"
+    return f"{_mean(cell, 'message_bytes', 1e-3)} / {_mean(cell, 'message_age_s', 1e3)}"
+
+
+def _mean(cell: Cell, column: str, factor: float = 1.0) -> str:
+    return _text(cell.measured(column), np.mean, factor)
+
+
+def _median(cell: Cell, column: str) -> str:
+    return _text(cell.measured(column), np.median)
+
+
+def _most(cell: Cell, column: str) -> str:
+    return _text(cell.measured(column), np.max)
+
+
+def _text(values: np.ndarray, statistic: Callable[[np.ndarray], float], factor: float = 1.0) -> str:
+    return f"{factor * statistic(values):.1f}" if len(values) else "-"

@@ -1,0 +1,99 @@
+"""From a command line to a sweep: what is read from configurations, and what makes two sweeps the same."""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+from pathlib import Path
+from typing import Any
+
+from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
+from pcdet_avp.closed_loop.perception.link_options import LinkOptions, given_link_options
+from pcdet_avp.closed_loop.perception.perceiver import SENSORLESS
+from pcdet_avp.closed_loop.sweep.sweep import Sweep
+from pcdet_avp.config import apply_overrides, config_hash, load_config, plain, require
+from pcdet_avp.errors import CheckpointError, ConfigError
+from pcdet_avp.provenance import provenance
+from pcdet_avp.structures.sensor_set import SENSOR_SETS
+
+LOOP = "CLOSED_LOOP."
+SENSING_KEYS = ("SENSORS", "POINT_CLOUD_RANGE", "VOXEL_SIZE")  # all that perceivers without a network read
+
+
+def sweep_of(args: argparse.Namespace, loop_file: Path) -> Sweep:
+    """The sweep that the arguments of ``tools/safety_eval.py`` ask for."""
+    loop_overrides, overrides = split_overrides(args.overrides)
+    cfg = apply_overrides(load_config(args.cfg), list(overrides))
+    closed_loop = plain(apply_overrides(load_config(loop_file), loop_overrides))
+    EpisodeSettings.from_config(closed_loop)  # raises where a key or a value is wrong
+    perceiver = {"data_cfg": {key: plain(require(cfg, f"DATA_CONFIG.{key}")) for key in SENSING_KEYS}}
+    if args.perception == "model":
+        perceiver |= _network(args, overrides)
+    elif args.ckpt or args.use_amp or args.link != "ideal" or given_link_options(args):
+        raise ConfigError(
+            f"--ckpt, --use_amp, --link and its options belong to --perception model, found {args.perception}"
+        )
+    return Sweep(
+        scenario=args.scenario,
+        perception=args.perception,
+        combos=tuple(SENSOR_SETS) if args.combos == "all" else tuple(args.combos.split(",")),
+        speeds=tuple(args.speeds),
+        trials=args.trials,
+        seed=args.seed,
+        perceiver=perceiver,
+        closed_loop=closed_loop,
+        identity={args.perception: _identity(args, cfg, perceiver)},
+        search=args.search,
+    )
+
+
+def _network(args: argparse.Namespace, overrides: tuple[str, ...]) -> dict[str, Any]:
+    """What ``model`` alone is built from."""
+    options = given_link_options(args)
+    LinkOptions.of(args.link, options)  # raises where they cannot be
+    files = {"cfg_file": args.cfg, "overrides": overrides, "ckpt": args.ckpt, "ckpt_sha256": file_hash(args.ckpt)}
+    return {**files, "use_amp": args.use_amp, "link": args.link, "options": options}
+
+
+def split_overrides(words: list[str]) -> tuple[list[str], tuple[str, ...]]:
+    """The pairs of ``--set`` whose keys begin with CLOSED_LOOP (without that), and all others."""
+    pairs = [words[i : i + 2] for i in range(0, len(words), 2)]
+    loop = [word for pair in pairs if pair[0].startswith(LOOP) for word in (pair[0].removeprefix(LOOP), *pair[1:])]
+    return loop, tuple(word for pair in pairs if not pair[0].startswith(LOOP) for word in pair)
+
+
+def _identity(args: argparse.Namespace, cfg: dict, perceiver: dict[str, Any]) -> dict[str, Any]:
+    """What the results of a perception depend on, beside the seed and the loop."""
+    if args.perception in SENSORLESS:
+        return {}
+    if args.perception != "model":
+        return {"data_cfg": perceiver["data_cfg"]}
+    weights, keys = perceiver["ckpt_sha256"], ("use_amp", "link", "options")
+    return {"config_hash": config_hash(cfg), "weights": weights, **{key: perceiver[key] for key in keys}}
+
+
+def file_hash(path: str | None) -> str:
+    """SHA-256 of a checkpoint file; raises where there is none."""
+    if path is None:
+        raise ConfigError("--perception model needs trained weights: give --ckpt FILE")
+    try:
+        with open(path, "rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError as error:
+        raise CheckpointError(f"{path}: cannot be read ({error.strerror})") from error
+
+
+def sweep_meta(args: argparse.Namespace, sweep: Sweep, started: float) -> dict[str, Any]:
+    """Where the numbers come from, and how the loop ran."""
+    overrides = split_overrides(args.overrides)[1]
+    cfg = apply_overrides(load_config(args.cfg), list(overrides))
+    weights = sweep.identity[sweep.perception].get("weights")
+    meta = provenance(cfg, Path(args.cfg).stem, seed=sweep.seed, weights_hash=weights, started=started)
+    return {
+        **meta,
+        "closed_loop": dict(sweep.closed_loop),
+        "search": sweep.search,
+        "use_amp": args.use_amp,
+        "link": args.link,
+        "link_options": given_link_options(args),
+    }

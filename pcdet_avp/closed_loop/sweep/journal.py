@@ -1,0 +1,91 @@
+"""Finished episodes on disk while a sweep runs: one line each, appended whole or cut off when read again.
+
+A folder belongs to one seed and one way of driving; ``sweep.json`` says which, and what each perception was built
+from, so that a sweep goes on only with what it began with.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from pcdet_avp.closed_loop.episode_log import ROW_FIELDS, EpisodeRow
+from pcdet_avp.closed_loop.sweep.case import Case
+from pcdet_avp.errors import RecordError
+from pcdet_avp.files import write_json
+
+JOURNAL, CLAIM = "journal.jsonl", "sweep.json"
+Finished = dict[Case, tuple[EpisodeRow, float]]  # record and wall seconds of every finished episode
+
+
+class Journal:
+    """The finished episodes of a folder."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.finished = folder, {}
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            self._file = os.open(folder / JOURNAL, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
+        except OSError as error:
+            raise RecordError(f"{folder}: cannot be written ({error.strerror})") from error
+        self._read()
+
+    def _read(self) -> None:
+        """Take in all whole lines and cut off what a killed run may have left of one."""
+        content = (self.folder / JOURNAL).read_bytes()
+        whole = content.rfind(b"\n") + 1
+        if whole < len(content):
+            os.ftruncate(self._file, whole)
+        for number, line in enumerate(content[:whole].splitlines(), start=1):
+            self._take(*_parsed(line, f"{self.folder / JOURNAL}: line {number}"))
+
+    def add(self, row: EpisodeRow, wall_s: float) -> None:
+        """Append a finished episode; it is on the disk when this returns."""
+        line = json.dumps({"row": asdict(row), "wall_s": round(wall_s, 3)}) + "\n"
+        if os.write(self._file, line.encode()) != len(line):
+            raise RecordError(f"{self.folder / JOURNAL}: the disk is full")
+        os.fsync(self._file)
+        self._take(row, wall_s)
+
+    def _take(self, row: EpisodeRow, wall_s: float) -> None:
+        self.finished[Case(row.scenario, row.perception, row.combo, row.speed, row.trial)] = row, wall_s
+
+    def close(self) -> None:
+        os.close(self._file)
+
+
+def _parsed(line: bytes, where: str) -> tuple[EpisodeRow, float]:
+    try:
+        entry = json.loads(line)
+        if set(entry["row"]) != set(ROW_FIELDS):
+            raise RecordError(f"{where}: written by another version; choose another --out or remove it")
+        return EpisodeRow(**entry["row"]), float(entry["wall_s"])
+    except (ValueError, KeyError, TypeError) as error:
+        raise RecordError(f"{where}: not a finished episode ({error!r})") from error
+
+
+@contextmanager
+def open_journal(folder: Path, claim: Mapping[str, Any]) -> Iterator[Journal]:
+    """The folder's journal, if what is to run agrees with what it holds (``claim``: name -> what must agree)."""
+    journal = Journal(folder)
+    try:
+        _claim(folder / CLAIM, json.loads(json.dumps(claim)))
+        yield journal
+    finally:
+        journal.close()
+
+
+def _claim(file: Path, claim: dict[str, Any]) -> None:
+    try:
+        held = json.loads(file.read_text()) if file.exists() else {}
+    except ValueError as error:
+        raise RecordError(f"{file}: not JSON ({error})") from error
+    for name, value in claim.items():
+        if held.get(name, value) != value:
+            raise RecordError(f"{file}: holds a sweep with another {name}; choose another --out or remove the folder")
+    write_json(file, {**held, **claim})

@@ -1,0 +1,97 @@
+"""An episode that can be looked at again: what was perceived at every tick, and the world at any of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pcdet_avp.closed_loop.episode import run_episode
+from pcdet_avp.closed_loop.episode_log import EpisodeLog
+from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
+from pcdet_avp.closed_loop.perception.perceiver import Perceived, Perceiver
+from pcdet_avp.sim.actors import stands
+from pcdet_avp.sim.render.camera import render
+from pcdet_avp.sim.rig import Rig, sensor_rng
+from pcdet_avp.sim.scenarios.scenario import Scenario
+from pcdet_avp.sim.world import World
+from pcdet_avp.structures.camera import PinholeCamera
+from pcdet_avp.structures.frame import AgentView
+from pcdet_avp.structures.sensor_set import SensorSet
+
+
+class _Witness:
+    """A perceiver that keeps the world it is shown. Its road users move by scripts, so that time can be turned back."""
+
+    def __init__(self, perceiver: Perceiver) -> None:
+        self._perceiver, self.world = perceiver, None
+
+    def begin(self, scenario: Scenario, seed_key: Sequence[int]) -> None:
+        self.world = None
+        self._perceiver.begin(scenario, seed_key)
+
+    def perceive(self, world: World, tick: int, combo: SensorSet) -> Perceived:
+        self.world = world
+        return self._perceiver.perceive(world, tick, combo)
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """An episode with a world that can be set to any of its ticks; ``alone`` holds what the same vehicle perceives
+    without the roadside at the same places, tick by tick (None while perception sleeps)."""
+
+    scenario: Scenario
+    combo: SensorSet
+    log: EpisodeLog
+    alone: tuple[Perceived | None, ...]
+    _world: World
+
+    def seek(self, tick: int) -> World:
+        """The world as it stood at a tick."""
+        self._world.advance_to(float(self.log.times[tick]))
+        self._world.set_ego(float(self.log.positions[tick]), self.scenario.layout.lane_y, 0.0)
+        return self._world
+
+    def movers(self, tick: int) -> np.ndarray:
+        """(N, 7) boxes, world frame, of everybody who can move."""
+        users = self.seek(tick).road_users()
+        return users.boxes[[not stands(actor) for actor in self._world.actors]]
+
+
+def record_episode(
+    scenario: Scenario, perceiver: Perceiver, combo: SensorSet, settings: EpisodeSettings | None = None
+) -> Recording:
+    """Drive an episode and keep all of it; the perceiver looks twice at every tick if the roadside helps."""
+    settings = replace(settings or EpisodeSettings(), keep_perceived=True)
+    witness = _Witness(perceiver)
+    log = run_episode(scenario, witness, combo, settings)
+    recording = Recording(scenario, combo, log, log.perceived, witness.world or scenario.world())
+    if not combo.uses_infra:
+        return recording
+    perceiver.begin(scenario, scenario.seed_key)
+    vehicle = replace(combo, infra_camera=False, infra_lidar=False)
+    looks = [
+        None if seen is None else perceiver.perceive(recording.seek(tick), tick, vehicle)
+        for tick, seen in enumerate(log.perceived)
+    ]
+    return replace(recording, alone=tuple(looks))
+
+
+def camera_views(world: World, rig: Rig, key: Sequence[int], widest_px: int) -> tuple[AgentView, AgentView]:
+    """What both cameras see of the world as it stands; wider images are made smaller. ``key`` fixes their noise."""
+    views = []
+    for agent, pose, tracer in (
+        ("ego", world.world_from_ego, world.ego_tracer()),
+        ("infra", world.world_from_infra, world.infra_tracer()),
+    ):
+        camera = _at_most(getattr(rig, agent).camera, widest_px)
+        image = render(tracer, camera, pose, world.lighting, sensor_rng(key, f"{agent}_camera")).image
+        views.append(AgentView(pose, camera, image))
+    return tuple(views)
+
+
+def _at_most(camera: PinholeCamera, width: int) -> PinholeCamera:
+    if camera.width <= width:
+        return camera
+    return camera.scaled(width, round(camera.height * width / camera.width))

@@ -1,0 +1,154 @@
+"""A video of an episode, and a strip of stills: cameras, the garage from above, what was detected, how fast it went."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from pcdet_avp.closed_loop.driver import Driver
+from pcdet_avp.closed_loop.episode_log import EpisodeLog
+from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
+from pcdet_avp.closed_loop.perception.perceiver import Perceived, Perceiver
+from pcdet_avp.closed_loop.video.episode_picture import (
+    ALONE_COLOR,
+    CAMERA_PX,
+    EGO_COLOR,
+    FUSED_COLOR,
+    MAP_SCALE,
+    STRIP_PX,
+    EpisodePainter,
+    Moment,
+)
+from pcdet_avp.closed_loop.video.garage_plan import garage_plan
+from pcdet_avp.closed_loop.video.recording import Recording, camera_views, record_episode
+from pcdet_avp.sim.actors import box_at, stands
+from pcdet_avp.sim.rig import Rig
+from pcdet_avp.sim.scenarios.scenario import Scenario
+from pcdet_avp.structures.boxes import transform_boxes
+from pcdet_avp.structures.pose import Pose
+from pcdet_avp.structures.sensor_set import SensorSet
+from pcdet_avp.visualization.time_strip import Curve, TimeStrip
+from pcdet_avp.visualization.video import write_picture, write_video
+
+LEAD_IN_S = 1.0  # the film starts so long before perception wakes
+HOLD_S = 1.5  # the last picture stays so long
+STILLS = 4
+
+
+def film_episode(
+    scenario: Scenario,
+    perceiver: Perceiver,
+    combo: SensorSet,
+    data_cfg: Mapping[str, Any],
+    file: Path,
+    title: str,
+    settings: EpisodeSettings | None = None,
+    every: int = 2,
+) -> EpisodeLog:
+    """Drive an episode and write it to ``file`` (a video; ``<stem>_stills.jpg`` beside it). Returns the episode's log.
+
+    The cameras that are shown come from ``data_cfg["SENSORS"]``. ``title`` says which perception drives. ``every``:
+    2 shows every other tick. The film runs in real time.
+    """
+    settings = settings or EpisodeSettings()
+    recording = record_episode(scenario, perceiver, combo, settings)
+    film = Film(recording, Rig.from_config(data_cfg["SENSORS"]), title, settings)
+    ticks = film.ticks()
+    shown = tqdm(ticks[::-every][::-1], unit="picture", desc=f"filming {file.name}")
+    fps = 1 / (every * settings.tick_s)
+    write_video(file, film.pictures(shown, hold=round(HOLD_S * fps)), fps)
+    stills = [film.picture(tick) for tick in _still_ticks(ticks, recording.log)]
+    write_picture(file.with_name(f"{file.stem}_stills.jpg"), np.vstack(stills))
+    return recording.log
+
+
+class Film:
+    """Pictures of a recorded episode."""
+
+    def __init__(self, recording: Recording, rig: Rig, title: str, settings: EpisodeSettings) -> None:
+        self._recording, self._rig, self._tick_s = recording, rig, settings.tick_s
+        scenario = recording.scenario
+        parked = [box_at(actor, 0.0) for actor in scenario.actors if stands(actor)]
+        plan = garage_plan(scenario.layout, np.array(parked).reshape(-1, 7), MAP_SCALE)
+        self._painter = EpisodePainter(
+            plan, scenario.layout.road_end_x + 2.0, self._strip(settings), title, recording.combo.uses_infra
+        )
+
+    def ticks(self) -> range:
+        """From shortly before perception wakes to the end."""
+        awake = [tick for tick, seen in enumerate(self._recording.log.perceived) if seen is not None]
+        first = awake[0] - round(LEAD_IN_S / self._tick_s) if awake else 0
+        return range(max(first, 0), len(self._recording.log.times))
+
+    def pictures(self, ticks: Iterable[int], hold: int) -> Iterator[np.ndarray]:
+        """One picture for each of the ticks, the last one ``hold`` times more."""
+        for tick in ticks:
+            image = self.picture(tick)
+            yield image
+        yield from (image for _ in range(hold))
+
+    def picture(self, tick: int) -> np.ndarray:
+        """(810, 1440, 3) uint8 RGB."""
+        recording = self._recording
+        world = recording.seek(tick)
+        ego, infra = camera_views(world, self._rig, (*recording.scenario.seed_key, tick), CAMERA_PX[0])
+        fused, ignored = self._in_world(recording.log.perceived[tick], world.world_from_ego)
+        alone, _ = self._in_world(recording.alone[tick], world.world_from_ego)
+        last = tick == len(recording.log.times) - 1
+        banner = self._banner() if last else None
+        return self._painter.picture(
+            Moment(float(recording.log.times[tick]), ego, infra, recording.movers(tick), fused, alone, ignored, banner)
+        )
+
+    def _in_world(self, seen: Perceived | None, world_from_ego: Pose) -> tuple[np.ndarray | None, np.ndarray]:
+        """Boxes of detections that the policy heeds (None: perception sleeps), and of those that it ignores."""
+        if seen is None:
+            return None, np.zeros((0, 7))
+        boxes, junction = transform_boxes(world_from_ego, seen.boxes), self._recording.scenario.junction
+        heeded = seen.names == "Pedestrian"
+        if junction is not None:
+            heeded |= (seen.names == "Car") & junction.obstructs(boxes)
+        return boxes[heeded], boxes[~heeded]
+
+    def _banner(self) -> tuple[str, str]:
+        log = self._recording.log
+        if log.outcome == "none":
+            return ("passed without a contact" if log.finished else "time is up"), "none"
+        return f"contact with the {log.outcome} at {log.impact_speed:.1f} m/s", log.outcome
+
+    def _strip(self, settings: EpisodeSettings) -> TimeStrip:
+        recording, log = self._recording, self._recording.log
+        ticks = self.ticks()
+        part = slice(ticks.start, ticks.stop)
+        curves = [
+            Curve("speed", log.speeds[part], EGO_COLOR),
+            Curve("target speed", log.targets[part], FUSED_COLOR, steps=True),
+        ]
+        if recording.combo.uses_infra:
+            alone = self._targets_alone(settings)[part]
+            curves.insert(1, Curve("target speed by the car alone", alone, ALONE_COLOR, 1, steps=True))
+        top = 1.1 * recording.scenario.cruising
+        return TimeStrip(*STRIP_PX, log.times[part], curves, top, "speed (m/s)")
+
+    def _targets_alone(self, settings: EpisodeSettings) -> np.ndarray:
+        """(T,) the target speed that the vehicle's own detections would ask for at the same places."""
+        scenario, log = self._recording.scenario, self._recording.log
+        driver = Driver(scenario.cruising, scenario.junction, settings.hold_ticks, settings.from_bumper)
+        targets = [scenario.cruising] * settings.lag_ticks
+        for x, seen in zip(log.positions, self._recording.alone, strict=True):
+            pose = Pose.from_xyz_yaw(float(x), scenario.layout.lane_y)
+            targets.append(scenario.cruising if seen is None else driver.decide(seen.boxes, seen.names, pose))
+        return np.array(targets[: len(log.times)])
+
+
+def _still_ticks(ticks: range, log: EpisodeLog) -> list[int]:
+    """Evenly from where the car first slows down (or perception wakes) to where the last threat is gone, or hit."""
+    slowed = np.flatnonzero(log.targets < log.targets[0])
+    first = max(int(slowed[0]) - 1, ticks.start) if len(slowed) else ticks.start
+    awake = [tick for tick, seen in enumerate(log.perceived) if seen is not None and tick >= first]
+    last = awake[-1] if awake and log.outcome == "none" else ticks.stop - 1
+    return [int(tick) for tick in np.linspace(first, last, STILLS)]

@@ -1,0 +1,129 @@
+"""From a checkpoint to the benchmark table and its JSON file."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from torch import nn
+
+from pcdet_avp.datasets import build_dataset, has_split
+from pcdet_avp.engine import checkpoint
+from pcdet_avp.engine.distributed import Ranks
+from pcdet_avp.engine.testing.detect import benchmark, detect, driving_thresholds
+from pcdet_avp.engine.testing.roadside_gain import roadside_gains
+from pcdet_avp.evaluation.benchmark_table import render
+from pcdet_avp.evaluation.detections_file import write_detections, write_texts
+from pcdet_avp.evaluation.inputs import Detections
+from pcdet_avp.files import write_json, write_text
+from pcdet_avp.models import build_network
+from pcdet_avp.models.compression.wire import Wire
+from pcdet_avp.models.weights.checkpoint_file import THRESHOLDS_KEY, read_checkpoint
+from pcdet_avp.provenance import provenance
+from pcdet_avp.structures.sensor_set import SENSOR_SETS
+
+
+@dataclass(frozen=True)
+class TestResult:
+    """Rows of the benchmark table, where they come from; by combination, the full text and what was detected."""
+
+    meta: dict[str, Any]
+    rows: list[dict]
+    texts: dict[str, str]
+    detections: dict[str, list[Detections]] = field(default_factory=dict)
+    gains: list[str] = field(default_factory=list)  # the roadside's, with intervals
+
+    @property
+    def tables(self) -> str:
+        """The benchmark table of every region, beside the paper's, and how sure the roadside's gain is."""
+        regions = list(dict.fromkeys(row["region"] for row in self.rows))
+        parts = [render(self.rows, self.meta["config"], region) for region in regions]
+        return "\n\n".join([*parts, "\n".join(self.gains)]).rstrip()
+
+    def write(self, folder: Path, json_file: Path | None = None, save_to_file: bool = False) -> None:
+        """``result.json``, ``table.md``, details and detections into a folder; the JSON also to a file of its own.
+
+        ``save_to_file``: the detections of every frame as text, too, in ``final_result/<combination>/``.
+        """
+        content = {"meta": self.meta, "rows": self.rows}
+        for file in filter(None, (folder / "result.json", json_file)):
+            write_json(file, content)
+        write_text(folder / "table.md", self.tables + "\n")
+        details = [f"## {combo}\n\n```\n{text}\n```\n" for combo, text in self.texts.items()]
+        write_text(folder / "details.md", "\n".join(details))
+        for combo, detections in self.detections.items():
+            write_detections(folder / "detections" / f"{combo}.npz", detections)
+            if save_to_file:
+                write_texts(folder / "final_result" / combo, detections)
+
+
+def load_network(
+    cfg: Mapping, path: Path, dataset: Any, ranks: Ranks, logger: logging.Logger
+) -> tuple[nn.Module, dict[str, Any]]:
+    """(network with the checkpoint's weights, the checkpoint's content)."""
+    content = read_checkpoint(path)
+    model = build_network(cfg.MODEL, len(cfg.CLASS_NAMES), dataset).to(ranks.device)
+    checkpoint.load_model(model, content, path)
+    logger.info(f"{path}: iteration {content.get('it', '?')}")
+    return model.eval(), content
+
+
+def run_test(
+    cfg: Mapping,
+    config_name: str,
+    path: Path,
+    combos: Sequence[str],
+    ranks: Ranks,
+    logger: logging.Logger,
+    *,
+    split: str = "test",
+    batch_size: int = 1,
+    workers: int = 0,
+    wire: bool = False,
+    started: float | None = None,
+) -> TestResult:
+    """Evaluate a checkpoint on a split; ``wire`` sends every roadside map through encoded bytes."""
+    dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split=split, logger=logger)
+    model, content = load_network(cfg, path, dataset, ranks, logger)
+    found = detect(model, dataset, combos, ranks, batch_size, workers, Wire(model.codec) if wire else None)
+    rows, texts = benchmark(dataset, found, content.get(THRESHOLDS_KEY))
+    seed = content.get("sampler", {}).get("seed")
+    weights = checkpoint.weights_hash(content["model_state"])
+    meta = provenance(cfg, config_name, seed=seed, weights_hash=weights, started=started)
+    gains = roadside_gains(dataset, found.detections)
+    return TestResult(meta | _about(path, content, dataset, wire), rows, texts, found.detections, gains)
+
+
+def _about(path: Path, content: Mapping[str, Any], dataset: Any, wire: bool) -> dict[str, Any]:
+    return {
+        "checkpoint": Path(path).name,
+        "iterations": content.get("it"),
+        "trained_minutes": round(content["elapsed_s"] / 60, 1) if "elapsed_s" in content else None,
+        "split": dataset.split,
+        "frames": len(dataset),
+        THRESHOLDS_KEY: content.get(THRESHOLDS_KEY),
+        "bytes_per_map": "mean len of all segments of a map" if wire else "not measured: run with --wire",
+    }
+
+
+def store_driving_thresholds(
+    cfg: Mapping, path: Path, ranks: Ranks, logger: logging.Logger, batch_size: int = 1, workers: int = 0
+) -> dict[str, float]:
+    """Choose a score threshold per class on the validation split and write it into the checkpoint; done once."""
+    content = read_checkpoint(path)
+    if THRESHOLDS_KEY in content:
+        return content[THRESHOLDS_KEY]
+    if not has_split(cfg.DATA_CONFIG, "val"):
+        logger.warning("the data set has no validation split: no score thresholds for driving were chosen")
+        return {}
+    dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split="val", logger=logger)
+    model, _ = load_network(cfg, path, dataset, ranks, logger)
+    chosen = driving_thresholds(dataset, detect(model, dataset, list(SENSOR_SETS), ranks, batch_size, workers))
+    if ranks.is_first:
+        checkpoint.save(path, content | {THRESHOLDS_KEY: chosen})
+    ranks.wait()
+    logger.info("score thresholds for driving: " + ", ".join(f"{name} {score:.3f}" for name, score in chosen.items()))
+    return chosen

@@ -1,0 +1,1 @@
+"""One-cycle training with a random sensor combination per iteration."""

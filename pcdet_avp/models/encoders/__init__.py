@@ -1,0 +1,1 @@
+"""From one sensor of one agent to a bird's-eye-view map."""

@@ -1,0 +1,55 @@
+"""Reading checkpoints: ours, and OpenPCDet's. Only tensors and plain values are read; no code is run."""
+
+from __future__ import annotations
+
+import io
+import os
+import pickle
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from pcdet_avp.errors import CheckpointError
+
+UNREADABLE = (RuntimeError, EOFError, KeyError, ValueError, AttributeError, TypeError)
+UNREADABLE += (pickle.UnpicklingError, zipfile.BadZipFile)
+# OpenPCDet's optimiser states hold numpy numbers (rates from np.cos), which torch refuses unless they are named.
+_SCALAR = np.float64(0).__reduce__()[0]
+NUMPY_NUMBERS = [_SCALAR, (_SCALAR, "numpy.core.multiarray.scalar"), np.dtype, type(np.dtype(np.float64))]
+
+THRESHOLDS_KEY = "score_thresholds"  # of a checkpoint: class -> score from which on a detection counts for driving
+
+
+def read_checkpoint(path: str | os.PathLike, device: torch.device | str = "cpu") -> dict[str, Any]:
+    """The content of a checkpoint, a mapping with ``model_state``; CheckpointError if it cannot be read."""
+    try:
+        file = io.BytesIO(Path(path).read_bytes())
+    except OSError as error:
+        raise CheckpointError(f"{path}: cannot read this checkpoint ({error.strerror})") from error
+    try:
+        _check_sums(file)
+        with torch.serialization.safe_globals(NUMPY_NUMBERS):
+            content = torch.load(file, map_location=device, weights_only=True)
+    except UNREADABLE as error:
+        reason = str(error).strip().splitlines() or [type(error).__name__]
+        raise CheckpointError(f"{path}: truncated, damaged or no checkpoint at all ({reason[0][:120]})") from error
+    if not isinstance(content, dict) or not isinstance(content.get("model_state"), dict):
+        raise CheckpointError(f"{path}: expected a mapping with 'model_state', found {_outline(content)}")
+    return content
+
+
+def _check_sums(file: io.BytesIO) -> None:
+    """torch writes a checksum with every tensor but does not look at it when it reads."""
+    if zipfile.is_zipfile(file):
+        with zipfile.ZipFile(file) as archive:
+            bad = archive.testzip()
+        if bad is not None:
+            raise ValueError(f"wrong checksum of {bad}")
+    file.seek(0)
+
+
+def _outline(content: Any) -> str:
+    return f"keys {', '.join(map(str, list(content)[:6]))}" if isinstance(content, dict) else type(content).__name__

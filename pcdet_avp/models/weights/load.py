@@ -1,0 +1,53 @@
+"""Weights into a network: our own and OpenPCDet's."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Mapping
+
+from torch import Tensor, nn
+
+from pcdet_avp.errors import CheckpointError
+from pcdet_avp.models.norm import drop_foreign_norms
+from pcdet_avp.models.weights.openpcdet import is_openpcdet, load_openpcdet
+
+
+def load_weights(
+    model: nn.Module, state: Mapping[str, Tensor], path: str | os.PathLike, logger: logging.Logger
+) -> None:
+    """Copy ``state`` into ``model`` and log what was not loaded.
+
+    A tensor of another shape means another configuration and is a CheckpointError. Norm layers trained as another
+    kind are left out, and so are names that only one side has; a file that shares no name is a CheckpointError too.
+    A detector of OpenPCDet with pillars has names and shapes of its own: see ``load_openpcdet``.
+    """
+    if is_openpcdet(state):
+        load_openpcdet(model, state, path, logger)
+        return
+    kept, foreign = drop_foreign_norms(state, model)
+    own = model.state_dict()
+    usable = {key: value for key, value in kept.items() if key in own}
+    _check_shapes(usable, own, path)
+    if not set(usable) - {"global_step"}:
+        raise CheckpointError(f"{path}: none of its {len(state)} tensors has a name of this network")
+    model.load_state_dict(usable, strict=False)
+    for what, keys in (
+        ("of another normalisation, not loaded", foreign),
+        ("unknown to this network, not loaded", [key for key in kept if key not in own]),
+        ("missing in the file, left as they are", [key for key in own if key not in usable]),
+    ):
+        if keys:
+            logger.warning("%s: %d tensors are %s: %s", path, len(keys), what, _some(keys))
+    logger.info("%s: loaded %d of %d tensors", path, len(usable), len(own))
+
+
+def _check_shapes(state: Mapping[str, Tensor], own: Mapping[str, Tensor], path: str | os.PathLike) -> None:
+    for key, value in own.items():
+        if key in state and state[key].shape != value.shape:
+            expected, found = tuple(value.shape), tuple(state[key].shape)
+            raise CheckpointError(f"{path}: belongs to another configuration: {key} has shape {found}, not {expected}")
+
+
+def _some(keys: list[str]) -> str:
+    return ", ".join(keys[:5]) + (" ..." if len(keys) > 5 else "")

@@ -1,0 +1,1 @@
+"""What things look like: cars, pedestrians, the building, as triangle meshes."""

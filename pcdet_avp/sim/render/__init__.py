@@ -1,0 +1,1 @@
+"""Camera images: lamps, shading, textures and the image sensor."""

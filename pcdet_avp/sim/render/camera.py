@@ -1,0 +1,112 @@
+"""Ray-traced camera: an image, the depth along the optical axis, and which instance each pixel shows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+from pcdet_avp.sim.rays.raytracer import RayTracer
+from pcdet_avp.sim.rays.shadow_cache import ray_slots
+from pcdet_avp.sim.render import image_sensor as film
+from pcdet_avp.sim.render import shading
+from pcdet_avp.sim.render.ambient_occlusion import open_sky
+from pcdet_avp.sim.render.lights import KEY, Lighting, draw_lighting, headlamps_of
+from pcdet_avp.structures.camera import PinholeCamera
+from pcdet_avp.structures.pose import Pose
+
+__all__ = ["Lighting", "Rendered", "draw_lighting", "headlamps_of", "render"]
+
+MID_GREY = 0.18
+BAND_ROWS = 64  # even: the shading's pattern spans two rows
+HEADLAMP_POWER = 3.0  # of a pair of head lamps, in floor lights at 5 m
+
+
+@dataclass(frozen=True, eq=False)
+class Rendered:
+    """image (H, W, 3) uint8 RGB; depth (H, W) float32 metres along the optical axis, 0 = nothing within 65 m;
+    instance (H, W) int32, -1 = none."""
+
+    image: np.ndarray
+    depth: np.ndarray
+    instance: np.ndarray
+
+
+def render(
+    tracer: RayTracer, camera: PinholeCamera, world_from_agent: Pose, lighting: Lighting, rng: np.random.Generator
+) -> Rendered:
+    """Take a picture of the tracer's world (world frame)."""
+    world_from_camera = world_from_agent @ camera.agent_from_camera
+    eye = world_from_camera.translation.astype(np.float32)
+    rays = camera_rays(camera, world_from_camera)
+    hits = tracer.cast(eye, rays)
+    radiance, depth, instance = _radiance(tracer, camera, eye, rays, hits, lighting)
+    shape = (camera.height, camera.width)
+    return Rendered(_developed(radiance, shape, lighting, rng), depth.reshape(shape), instance.reshape(shape))
+
+
+def camera_rays(camera: PinholeCamera, world_from_camera: Pose) -> np.ndarray:
+    """(H * W, 3) float32 world-frame rays through the pixel centres, one metre along the optical axis."""
+    rays = np.empty((camera.height * camera.width, 3), np.float32)
+    matrix = world_from_camera.rotation @ np.linalg.inv(camera.intrinsics)
+    _fill_rays(matrix.astype(np.float32), camera.width, rays)
+    return rays
+
+
+@numba.njit(cache=True, fastmath=True)
+def _fill_rays(m, width, rays):
+    for i in range(len(rays)):
+        u, v = np.float32(i % width) + np.float32(0.5), np.float32(i // width) + np.float32(0.5)
+        for c in range(3):
+            rays[i, c] = m[c, 0] * u + m[c, 1] * v + m[c, 2]
+
+
+def _radiance(tracer, camera, eye, rays, hits, lighting) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Radiance (R, 3), depth (R,) and instance (R,). Bands of rows share the memory of the shadow rays."""
+    count, band, lamps = len(rays), BAND_ROWS * camera.width, lighting.shadow_lamps
+    memory = tracer.shadows(eye, count * (lamps + 1))  # the last ``count`` slots are open_sky's
+    sky = open_sky(tracer, camera, eye, rays, hits, lighting.ambient_occlusion, memory)
+    seen = np.empty((count, 3), np.float32), np.empty(count, np.float32), np.empty(count, np.int32)
+    scene = _scene_tables(tracer, lighting)
+    shadows = _shadow_buffers(band * lamps)
+    for start in range(0, count, band):
+        part = slice(start, start + band)
+        columns = tuple(a[part] for a in (rays, hits.distance, hits.face, hits.u, hits.v, sky))
+        out = tuple(a[part] for a in seen)
+        found = shading.shade(eye, camera.width, columns, *scene, lamps, out, shadows)
+        origins, directions, pixel, arriving = (a[:found] for a in shadows)
+        blocked = tracer.shadowed(origins, directions, memory, ray_slots(pixel, lamps, start * lamps))
+        shading.add_unblocked(out[0], pixel, arriving, blocked)
+    return seen
+
+
+def _scene_tables(tracer: RayTracer, lighting: Lighting) -> tuple:
+    """What the shading looks up: tables by face, the light field, head-lamp beams and their power."""
+    field = lighting.field
+    faces = (tracer.instance, tracer.colors, tracer.materials, tracer.normals)
+    unit = np.float32(field.floor_light)
+    light = (field.origin, field.lamps, field.smooth, field.tint, np.float32(field.height), unit)
+    power = np.float32(HEADLAMP_POWER * 25.0) * unit
+    return faces, light, _beams(lighting.headlamps), power
+
+
+def _shadow_buffers(slots: int) -> tuple[np.ndarray, ...]:
+    """Room for the shadow rays of one band: origin, direction, pixel, light."""
+    shapes = (((slots, 3), np.float32), ((slots, 3), np.float32), (slots, np.int32), ((slots, 3), np.float32))
+    return tuple(np.empty(shape, dtype) for shape, dtype in shapes)
+
+
+def _beams(headlamps: tuple[Pose, ...]) -> np.ndarray:
+    """(B, 4, 3) float32: position, forward, left, up of each pair of head lamps."""
+    rows = [np.vstack([pose.translation, pose.rotation.T]) for pose in headlamps]
+    return np.array(rows, np.float32).reshape(-1, 4, 3)
+
+
+def _developed(radiance, shape, lighting: Lighting, rng: np.random.Generator) -> np.ndarray:
+    image = np.empty((*shape, 3), np.uint8)
+    gain = lighting.exposure * KEY / (MID_GREY * lighting.field.floor_light)
+    seed = rng.integers(0, 2**64, dtype=np.uint64)
+    noise = np.float32(lighting.read_noise), np.float32(lighting.shot_noise)
+    film.develop(radiance.reshape(*shape, 3), np.float32(gain), *noise, seed, film.tone_curve(lighting.gamma), image)
+    return image

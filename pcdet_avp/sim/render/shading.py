@@ -1,0 +1,191 @@
+"""The light that leaves every visible point: one pass over the pixels, float32.
+
+Reflection is Lambert's plus a Fresnel-weighted coat on paint, glass and the floor that mirrors lamps and the
+ceiling. The strongest lamps of each pixel are listed as shadow rays; the fainter ones share their fate in part.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from pcdet_avp.sim import garage
+from pcdet_avp.sim.meshes import mesh
+from pcdet_avp.sim.meshes.mesh import Material
+from pcdet_avp.sim.render import illumination, lights, textures
+from pcdet_avp.sim.render.illumination import (
+    HALF_TUBE,
+    LAMP_RADIANCE,
+    ONE,
+    TWO,
+    ZERO,
+    F,
+    cell,
+    direct_light,
+    lit_by_owner,
+    mirrored,
+    smooth_light,
+    strongest,
+)
+from pcdet_avp.sim.render.kernel_cache import fingerprint
+from pcdet_avp.sim.render.lights import LAMPS_PER_CELL
+from pcdet_avp.sim.render.textures import concrete, floor
+from pcdet_avp.structures.lidar_scan import MAX_RANGE_M
+
+CONCRETE, FLOOR, LAMP = int(Material.CONCRETE), int(Material.FLOOR), int(Material.LAMP)
+HEAD_LAMP, TAIL_LAMP = int(Material.HEAD_LAMP), int(Material.TAIL_LAMP)
+FAR = F(MAX_RANGE_M)
+UNSHADOWED_SHARE = F(0.35)  # part of the fainter lamps' light that the shadows of the stronger leave alone
+FAINT = F(0.02)  # a lamp below this share of the strongest light casts no shadow
+SHADOW_BIAS_M, LAMP_BIAS_M = F(0.006), F(0.04)
+LAMP_HALF_GAUGE_M = F(0.6)  # a head lamp's distance from the middle of its pair
+HEAD_GLOW, TAIL_GLOW = F(40.0), F(4.0)  # of switched-on car lamps, in floor lights
+# Mirror of paint, glass, floor and metal: reflectance head-on, its rise at grazing angles, blur (tangent). -1: none.
+COAT_OF = np.full(len(Material), -1, np.int8)
+COAT_OF[[Material.PAINT, Material.GLASS, Material.FLOOR, Material.METAL]] = 0, 1, 2, 3
+COAT_OF[[Material.HEAD_LAMP, Material.TAIL_LAMP]] = 1
+COATS = np.array([[0.045, 0.95, 0.08], [0.07, 0.93, 0.025], [0.007, 0.35, 0.16], [0.30, 0.70, 0.15]], np.float32)
+
+SOURCES = fingerprint(garage, illumination, lights, mesh, textures)
+
+
+@numba.njit(fastmath=True)
+def _dither(i, width):
+    """-3/8, -1/8, 1/8 or 3/8: an ordered 2 x 2 pattern over the pixels, fine enough for the lens to blend."""
+    x, y = i % width, i // width
+    return F(((x ^ y) & 1) * 2 + (y & 1)) * F(0.25) - F(0.375)
+
+
+@numba.njit(inline="always")
+def _corner_normal(normals, f, u, v, dx, dy, dz):
+    """Interpolated unit normal, never facing away from the viewer."""
+    w = ONE - u - v
+    x = w * normals[f, 0, 0] + u * normals[f, 1, 0] + v * normals[f, 2, 0]
+    y = w * normals[f, 0, 1] + u * normals[f, 1, 1] + v * normals[f, 2, 1]
+    z = w * normals[f, 0, 2] + u * normals[f, 1, 2] + v * normals[f, 2, 2]
+    away = max(x * dx + y * dy + z * dz, ZERO) * F(1.05)
+    x, y, z = x - away * dx, y - away * dy, z - away * dz
+    scale = ONE / np.sqrt(x * x + y * y + z * z + F(1e-12))
+    return x * scale, y * scale, z * scale
+
+
+@numba.njit(fastmath=True)
+def _pattern(material, px, py, pz, nx, nz, distance):
+    """Albedo factor of textured surfaces."""
+    sharpness = min(ONE, F(7.0) / distance)
+    if material == FLOOR:
+        return floor(px, py, sharpness)
+    if abs(nz) > F(0.7):
+        return concrete(px, py, sharpness)
+    grime = ONE - F(0.25) * max(ZERO, ONE - pz * F(2.5))
+    return grime * concrete(py if abs(nx) > F(0.7) else px, pz, sharpness)
+
+
+@numba.njit(inline="always")
+def _coat(coat, rough, origin, lamps, smooth, ceiling, px, py, pz, nx, ny, nz, dx, dy, dz):
+    """Radiance that a surface's coat mirrors towards the viewer."""
+    facing = min(max(-(dx * nx + dy * ny + dz * nz), ZERO), ONE)
+    rx, ry, rz = dx + TWO * facing * nx, dy + TWO * facing * ny, dz + TWO * facing * nz
+    grazing = (ONE - facing) * (ONE - facing)
+    share = COATS[coat, 0] + COATS[coat, 1] * grazing * grazing * (ONE - facing)
+    return share * rough * mirrored(origin, lamps, smooth, ceiling, px, py, pz, rx, ry, rz, COATS[coat, 2])
+
+
+@numba.njit(cache=True, fastmath=True)
+def shade(eye, width, columns, tables, light, beams, beam_power, kept, seen, shadows, sources=SOURCES):
+    """Fill radiance, depth and instance of a band of pixels; list its shadow rays. Returns their number.
+
+    eye (3,). width: pixels in a row. columns, by pixel: ray (R, 3), distance, face, u, v (R,) of its
+    hit, and open share of the sky (R,). tables, by face: instance, colors, materials, normals. light: origin, lamps,
+    smooth, tint and height of a ``LightField``, and its unit. seen: radiance (R, 3), depth (R,), instance (R,).
+    shadows, by shadow ray: origin (S, 3), direction (S, 3) that ends at the lamp, pixel (S,), and light (S, 3) that
+    leaves the pixel if nothing is in between. sources: see ``kernel_cache``.
+    """
+    rays, distance, face, bu, bv, sky = columns
+    instance_of, colors, materials, normals = tables
+    origin, lamps, smooth, tint, ceiling, unit = light
+    radiance, depth, instance = seen
+    ray_origin, ray_direction, ray_pixel, ray_light = shadows
+    values = np.zeros(LAMPS_PER_CELL + len(beams), np.float32)
+    chosen, strength = np.zeros(max(kept, 1), np.int64), np.zeros(max(kept, 1), np.float32)
+    white, halogen = len(tint) - 2, len(tint) - 1
+    count = 0
+    for i in range(len(face)):
+        f = face[i]
+        depth[i], instance[i] = ZERO, -1
+        radiance[i, 0], radiance[i, 1], radiance[i, 2] = ZERO, ZERO, ZERO
+        if f < 0:
+            continue
+        t, instance[i] = distance[i], instance_of[f]
+        depth[i] = t if t <= FAR else ZERO
+        material, coat, rough = materials[f], COAT_OF[materials[f]], ONE
+        ar, ag, ab = colors[f, 0], colors[f, 1], colors[f, 2]
+        if material == LAMP:
+            radiance[i, 0], radiance[i, 1], radiance[i, 2] = ar * LAMP_RADIANCE, ag * LAMP_RADIANCE, ab * LAMP_RADIANCE
+            continue
+        dx, dy, dz = rays[i, 0], rays[i, 1], rays[i, 2]
+        px, py, pz = eye[0] + t * dx, eye[1] + t * dy, eye[2] + t * dz
+        length = np.sqrt(dx * dx + dy * dy + dz * dz)
+        dx, dy, dz = dx / length, dy / length, dz / length
+        if material == FLOOR or material == CONCRETE:  # noqa: SIM109 (numba is slower with a tuple)
+            nx, ny, nz = normals[f, 0, 0], normals[f, 0, 1], normals[f, 0, 2]
+            rough = _pattern(material, px, py, pz, nx, nz, t * length)
+            ar, ag, ab = ar * rough, ag * rough, ab * rough
+        else:
+            nx, ny, nz = _corner_normal(normals, f, bu[i], bv[i], dx, dy, dz)
+        # Light from all around, less from below, and from far lamps.
+        around, vx, vy, vz = smooth_light(px, py, origin, smooth)
+        free = sky[i] * (around * (F(0.75) + F(0.25) * nz) + max(nx * vx + ny * vy + nz * vz, ZERO))
+        # Direct light: the strongest lights become shadow rays; a share of the others goes with them.
+        ci, cj = cell(px, py, origin, lamps.shape[0], lamps.shape[1])
+        rest = direct_light(lamps, beams, beam_power, ci, cj, px, py, pz, nx, ny, nz, values)
+        least, listed, rays_here = FAINT * rest, ZERO, 0
+        while rays_here < kept and rest > ZERO:
+            j = strongest(values)
+            if values[j] <= least:
+                break
+            chosen[rays_here], strength[rays_here] = j, values[j]
+            listed, rest, values[j] = listed + values[j], rest - values[j], ZERO
+            rays_here += 1
+        free += max(rest, ZERO) * (UNSHADOWED_SHARE * sky[i] if kept > 0 else ONE)
+        for k in range(rays_here):
+            value = strength[k] * (ONE + max(rest, ZERO) * (ONE - UNSHADOWED_SHARE) / listed)
+            j, m, dither = chosen[k], chosen[k] - LAMPS_PER_CELL, _dither(i, width)
+            if m < 0:  # somewhere along the tube
+                hue = int(lamps[ci, cj, j, 4])
+                tx, ty = lamps[ci, cj, j, 0] + dither * HALF_TUBE, lamps[ci, cj, j, 1]
+                tz = lamps[ci, cj, j, 2] - LAMP_BIAS_M
+            else:  # one of a pair of head lamps
+                hue = halogen
+                side = LAMP_HALF_GAUGE_M if dither > ZERO else -LAMP_HALF_GAUGE_M
+                tx, ty = beams[m, 0, 0] + side * beams[m, 2, 0], beams[m, 0, 1] + side * beams[m, 2, 1]
+                tz = beams[m, 0, 2]
+            ox, oy, oz = px + SHADOW_BIAS_M * nx, py + SHADOW_BIAS_M * ny, pz + SHADOW_BIAS_M * nz
+            ray_origin[count, 0], ray_origin[count, 1], ray_origin[count, 2] = ox, oy, oz
+            ray_direction[count, 0], ray_direction[count, 1], ray_direction[count, 2] = tx - ox, ty - oy, tz - oz
+            lr, lg, lb = tint[hue, 0] * value, tint[hue, 1] * value, tint[hue, 2] * value
+            ray_light[count, 0], ray_light[count, 1], ray_light[count, 2] = ar * lr, ag * lg, ab * lb
+            ray_pixel[count] = i
+            count += 1
+        mirror = ZERO
+        if coat >= 0:
+            mirror = sky[i] * _coat(
+                coat, rough, origin, lamps, smooth, ceiling, px, py, pz, nx, ny, nz, dx, dy, dz
+            )  # fmt: skip
+        glow = ZERO
+        if (material == HEAD_LAMP or material == TAIL_LAMP) and lit_by_owner(beams, px, py):  # noqa: SIM109
+            glow = unit * (HEAD_GLOW if material == HEAD_LAMP else TAIL_GLOW)
+        radiance[i, 0] = ar * (free * tint[white, 0] + glow) + mirror * tint[white, 0]
+        radiance[i, 1] = ag * (free * tint[white, 1] + glow) + mirror * tint[white, 1]
+        radiance[i, 2] = ab * (free * tint[white, 2] + glow) + mirror * tint[white, 2]
+    return count
+
+
+@numba.njit(cache=True)
+def add_unblocked(radiance, pixel, light, blocked):
+    """Add to each pixel the light of its shadow rays that met nothing."""
+    for s in range(len(blocked)):
+        if not blocked[s]:
+            i = pixel[s]
+            for c in range(3):
+                radiance[i, c] += light[s, c]

@@ -1,0 +1,67 @@
+"""Episodes of the closed loop: who does what in front of the ego, as pure geometry and timing.
+
+A ``Scenario`` is a blueprint: every episode takes a fresh ``World`` from it, so that all sensor combinations and
+perceptions meet the very same people. No mesh is built before somebody casts a ray.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pcdet_avp.errors import ConfigError
+from pcdet_avp.sim.actors import Actor
+from pcdet_avp.sim.garage import GarageLayout
+from pcdet_avp.sim.render.lights import Lighting
+from pcdet_avp.sim.scenarios.junction_map import JunctionMap
+from pcdet_avp.sim.world import World
+from pcdet_avp.structures.ego import EGO_LENGTH_M
+
+SETTLE_S = 6.0  # the ego cruises at least so long before the first gap or zone; walkers on a shorter one start late
+
+
+@dataclass(frozen=True)
+class Threat:
+    """A road user who comes into the ego's way.
+
+    It waits until the ego's front bumper comes to ``release_x`` (m, world; None: it moves by the clock). Once it has
+    covered ``clear_after_m`` of its path, it cannot meet the ego any more.
+    """
+
+    object_id: int
+    clear_after_m: float
+    release_x: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Scenario:
+    """One episode's blueprint, in the world frame; the ego drives along its lane towards +x."""
+
+    name: str
+    trial: int
+    seed_key: tuple[int, ...]  # of all further randomness: the same for every combination and perception
+    cruising: float  # v_c, m/s
+    layout: GarageLayout
+    actors: tuple[Actor, ...]
+    lighting: Lighting
+    ego_start_x: float  # of its centre
+    threats: tuple[Threat, ...]
+    first_x: float  # where the first gap, or the conflict zone, begins
+    end_x: float  # where the ego's front is when it has passed everybody
+    junction: JunctionMap | None = None  # None: vehicles are ignored
+    max_lateral_acceleration: float = 0.0  # m/s2, of the vehicle on rails
+
+    def world(self) -> World:
+        """A garage at time 0 with everybody in place and the ego at its start."""
+        world = World(self.layout, self.actors, self.lighting)
+        world.set_ego(self.ego_start_x, self.layout.lane_y, 0.0)
+        return world
+
+
+def start_before(layout: GarageLayout, front_x: float, name: str, cruising: float) -> float:
+    """Centre x of an ego whose front starts at ``front_x``; ConfigError if that is beyond the road's far end."""
+    centre = front_x - EGO_LENGTH_M / 2
+    if centre - EGO_LENGTH_M / 2 < layout.road_start_x:
+        raise ConfigError(
+            f"{name}: {SETTLE_S:g} s of approach at {cruising:g} m/s do not fit the road; choose a lower speed"
+        )
+    return centre

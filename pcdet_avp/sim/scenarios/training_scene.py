@@ -1,0 +1,163 @@
+"""Scenes of the data set: a garage, who is in it, where the ego drives, all drawn from one random generator.
+
+A scene is an episode of a few frames. Nobody runs through anybody at any of its times.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pcdet_avp.sim.actors import Actor, Car, Pedestrian, box_at
+from pcdet_avp.sim.garage import GarageLayout
+from pcdet_avp.sim.layouts import GarageConfig, check_ranges, draw_layout
+from pcdet_avp.sim.meshes.car_spec import CarSpec, draw_car
+from pcdet_avp.sim.meshes.pedestrian_spec import draw_pedestrian
+from pcdet_avp.sim.render.lights import draw_lighting
+from pcdet_avp.sim.scenarios.reservations import Reservations
+from pcdet_avp.sim.scenarios.traffic import draw_junction_route, draw_lane_route, draw_parked
+from pcdet_avp.sim.scenarios.walkers import draw_along, draw_crossing, draw_in_gap, draw_on_side_road, vehicle_gaps
+from pcdet_avp.sim.trajectories import Path, Route, Trajectory
+from pcdet_avp.sim.world import EGO_SPEC, World
+
+CAR_MARGIN_M, WALKER_MARGIN_M = 0.3, 0.12
+TRIES = 30  # a road user that finds no free floor this often is left out
+STEPS_PER_FRAME = 5  # overlap is checked this often per frame interval
+
+
+@dataclass(frozen=True)
+class EgoZone:
+    """Where the ego is while a scene lasts, as distance before the mast, and what is special there."""
+
+    share: float  # of the scenes
+    before_mast_m: tuple[float, float]
+    junction_share: float  # of these scenes have cars turning at the junction
+
+
+@dataclass(frozen=True)
+class SceneConfig:
+    """What a training scene is drawn from."""
+
+    frames: int = 10
+    frame_interval_s: float = 0.5
+    garage: GarageConfig = field(default_factory=GarageConfig)
+    # The maps of ego and mast overlap well in the first zone, partly or not at all in the others.
+    zones: tuple[EgoZone, ...] = (
+        EgoZone(0.75, (14.0, 44.0), 0.42),
+        EgoZone(0.15, (2.0, 14.0), 0.42),
+        EgoZone(0.10, (44.0, 110.0), 0.1),
+    )
+    ego_speed_m_s: tuple[float, float] = (1.0, 5.0)
+    occupancy: tuple[float, float] = (0.6, 0.92)  # share of the slots that hold a car
+    gap_depth_m: float = 2.0  # people stand up to this far behind the mouth of a gap, most of them in its first half
+    view_m: float = 44.8  # people and driving cars are drawn up to here before the ego
+    in_gap: tuple[int, int] = (3, 6)  # how many people or cars, both ends included
+    crossing: tuple[int, int] = (2, 4)
+    along: tuple[int, int] = (0, 2)
+    on_side_road: tuple[int, int] = (0, 3)
+    at_junction: tuple[int, int] = (1, 2)
+    same_lane: tuple[int, int] = (0, 1)
+    opposite_lane: tuple[int, int] = (0, 2)
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingScene:
+    """A world, the ego's trajectory through it, and when frames are taken (F,)."""
+
+    world: World
+    ego: Trajectory
+    frame_times_s: np.ndarray
+
+    def seek(self, frame: int) -> World:
+        """The world as it stands at a frame."""
+        return self.seek_time(float(self.frame_times_s[frame]))
+
+    def seek_time(self, time_s: float) -> World:
+        """The world as it stands at a time (s), from the first frame on."""
+        motion = self.ego.at(time_s)
+        self.world.advance_to(time_s)
+        self.world.set_ego(motion.x, motion.y, motion.yaw)
+        return self.world
+
+
+def draw_training_scene(rng: np.random.Generator, cfg: SceneConfig | None = None) -> TrainingScene:
+    """A scene drawn from the ranges of ``cfg``; everything in it follows from ``rng``."""
+    cfg = cfg or SceneConfig()
+    layout = draw_layout(rng, cfg.garage)
+    times = np.arange(cfg.frames) * cfg.frame_interval_s
+    zone = cfg.zones[rng.choice(len(cfg.zones), p=[zone.share for zone in cfg.zones])]
+    ego = _draw_ego(rng, cfg, layout, zone, times[-1])
+    actors = _Cast(rng, cfg, layout, ego, times).draw(zone)
+    return TrainingScene(World(layout, actors, draw_lighting(layout.lamps, rng)), ego, times)
+
+
+def _draw_ego(rng, cfg: SceneConfig, layout: GarageLayout, zone: EgoZone, duration: float) -> Route:
+    """Straight on in the ego's lane, a little off its middle; all frames lie inside the zone, more in its far part."""
+    near, far = zone.before_mast_m
+    way = min(rng.uniform(*cfg.ego_speed_m_s) * duration, 0.9 * (far - near))
+    x = -(near + way + (far - near - way) * rng.beta(1.5, 1.0))
+    y, yaw = np.clip(rng.normal(0, 0.1), -0.25, 0.25), np.clip(rng.normal(0, 0.008), -0.02, 0.02)
+    speed = way / duration if duration > 0 else 0.0
+    return Route(Path.from_pose(float(x), float(layout.lane_y + y), float(yaw)).straight(float(way)), float(speed))
+
+
+class _Cast:
+    """Draws the road users of one scene, one after the other, each where it meets none of those before it."""
+
+    def __init__(self, rng, cfg: SceneConfig, layout: GarageLayout, ego: Route, times: np.ndarray) -> None:
+        self.rng, self.cfg, self.layout = rng, cfg, layout
+        self.parked = draw_parked(rng, layout, rng.uniform(*cfg.occupancy))
+        self.actors: list[Actor] = list(self.parked.values())
+        standing = [box_at(car, 0.0) for car in self.actors]
+        checks = np.linspace(times[0], times[-1], STEPS_PER_FRAME * (len(times) - 1) + 1)
+        self.floor = Reservations(checks, np.concatenate([layout.solid_boxes(), np.array(standing).reshape(-1, 7)]))
+        self.floor.claim(ego, EGO_SPEC.size, 0.0)
+        self.middle_s = times[-1] / 2
+        self.x_range = ego.at(0.0).x - 2.0, min(ego.at(times[-1]).x + cfg.view_m, -1.0)
+
+    def draw(self, zone: EgoZone) -> list[Actor]:
+        rng, layout, cfg = self.rng, self.layout, self.cfg
+        if rng.random() < zone.junction_share:
+            for _ in range(rng.integers(cfg.at_junction[0], cfg.at_junction[1] + 1)):
+                self._add_car(lambda: draw_junction_route(rng, layout, self.middle_s))
+        for same_way, count in ((True, cfg.same_lane), (False, cfg.opposite_lane)):
+            for _ in range(rng.integers(count[0], count[1] + 1)):
+                self._add_car(lambda way=same_way: draw_lane_route(rng, layout, self._x(), way))
+        gaps = vehicle_gaps(layout, self.parked)
+        gaps = gaps[(gaps[:, 0] > self.x_range[0]) & (gaps[:, 0] < self.x_range[1])]
+        if len(gaps):
+            self._add_people(cfg.in_gap, lambda: draw_in_gap(rng, gaps[rng.integers(len(gaps))], cfg.gap_depth_m))
+        self._add_people(cfg.crossing, lambda: draw_crossing(rng, self._x()))
+        self._add_people(cfg.along, lambda: draw_along(rng, self._x()))
+        if self.x_range[1] > layout.junction_x:
+            self._add_people(cfg.on_side_road, lambda: draw_on_side_road(rng, layout))
+        return self.actors
+
+    def _x(self) -> float:
+        return float(self.rng.uniform(*self.x_range))
+
+    def _add_car(self, draw: Callable[[], Trajectory]) -> None:
+        spec = draw_car(self.rng)
+        trajectory = self._placed(draw, spec, CAR_MARGIN_M)
+        if trajectory is not None:
+            self.actors.append(Car(len(self.actors), spec, trajectory, lamps_on=True))
+
+    def _add_people(self, count: tuple[int, int], draw: Callable[[], Trajectory]) -> None:
+        for _ in range(self.rng.integers(count[0], count[1] + 1)):
+            spec = draw_pedestrian(self.rng)
+            trajectory = self._placed(draw, spec, WALKER_MARGIN_M)
+            if trajectory is not None:
+                self.actors.append(Pedestrian(len(self.actors), spec, trajectory))
+
+    def _placed(self, draw: Callable[[], Trajectory], spec: CarSpec, margin_m: float) -> Trajectory | None:
+        """The first of some drawn trajectories that keeps clear of everybody, or None."""
+        for _ in range(TRIES):
+            trajectory = draw()
+            if self.floor.claim(trajectory, spec.size, margin_m):
+                return trajectory
+        return None

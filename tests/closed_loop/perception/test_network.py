@@ -1,0 +1,85 @@
+"""Weights for driving: read once, of this configuration, with the thresholds that were chosen for driving."""
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from pcdet_avp.closed_loop.perception import network as driving_network
+from pcdet_avp.config import load_config
+from pcdet_avp.engine.checkpoint import save
+from pcdet_avp.errors import CheckpointError, ConfigError
+from pcdet_avp.models.weights.checkpoint_file import THRESHOLDS_KEY
+
+CFG = str(Path(__file__).parents[3] / "cfgs" / "avp" / "cp_tiny.yaml")
+THRESHOLDS = {"Car": 0.3, "Pedestrian": 0.45}
+
+
+@pytest.fixture(scope="module")
+def ckpt(tmp_path_factory):
+    driving = driving_network.untrained(load_config(CFG), seed=7)
+    path = tmp_path_factory.mktemp("weights") / "tiny.pth"
+    save(path, {"model_state": driving.network.state_dict(), "it": 12, THRESHOLDS_KEY: THRESHOLDS})
+    return str(path)
+
+
+def test_the_weights_are_the_file_s_and_read_once(ckpt):
+    driving = driving_network.load(CFG, (), ckpt)
+    expected = driving_network.untrained(load_config(CFG), seed=7)
+    for name, value in driving.network.state_dict().items():
+        assert torch.equal(value, expected.network.state_dict()[name]), name
+    assert driving_network.load(CFG, (), ckpt) is driving
+    assert driving.facts["iterations"] == 12
+    assert driving.facts["weights_hash"] == expected.facts["weights_hash"]
+    assert not driving.network.training
+
+
+def test_a_detection_counts_from_its_class_s_threshold_on(ckpt):
+    post = driving_network.load(CFG, (), ckpt).network.post_processing
+    boxes = torch.tensor([[10.0 + 5 * i, 0, 0.8, 4, 2, 1.6, 0] for i in range(4)])
+    just_below = [float(np.nextafter(np.float32(THRESHOLDS[n]), np.float32(0))) for n in ("Car", "Pedestrian")]
+    scores = torch.tensor([[0.3, 0], [just_below[0], 0], [0, 0.45], [0, just_below[1]]])
+    found = post.detect(boxes, scores)
+    assert found["pred_labels"].tolist() == [2, 1]
+    assert found["pred_boxes"][:, 0].tolist() == [20.0, 10.0]
+
+
+def test_without_chosen_thresholds_a_warning_says_so(ckpt, tmp_path, caplog):
+    content = torch.load(ckpt, weights_only=True)
+    save(tmp_path / "bare.pth", {"model_state": content["model_state"]})
+    driving = driving_network.load(CFG, (), str(tmp_path / "bare.pth"))
+    assert "no score threshold for driving for Car, Pedestrian" in caplog.text
+    assert driving.network.post_processing.min_scores == [0.05, 0.05]
+
+
+@pytest.mark.parametrize(("cfg", "with_weights", "flag"), [(None, True, "--cfg"), (CFG, False, "--ckpt")])
+def test_a_network_needs_a_configuration_and_weights(cfg, with_weights, flag, ckpt):
+    with pytest.raises(ConfigError, match=rf"--perception model needs .* give {flag} FILE"):
+        driving_network.load(cfg, (), ckpt if with_weights else None)
+
+
+@pytest.mark.parametrize(("cpu", "slow"), [("AVX2", True), ("AVX512", False)])
+def test_a_cpu_without_bf16_instructions_is_warned_of(ckpt, monkeypatch, caplog, cpu, slow):
+    monkeypatch.setattr(torch.backends.cpu, "get_cpu_capability", lambda: cpu)
+    driving_network.load(CFG, ("MODEL.ROADSIDE_MAP_DROPOUT", "0.0" if slow else "0.1"), ckpt, amp=True)
+    assert ("several times slower" in caplog.text) == slow
+
+
+def test_weights_of_another_configuration_are_named(ckpt):
+    other = ("MODEL.BACKBONE_2D.NUM_FILTERS", "[16, 24]")
+    with pytest.raises(CheckpointError, match=r"tiny.pth: made with another configuration: backbone_2d"):
+        driving_network.load(CFG, other, ckpt)
+
+
+def test_missing_weights_are_named():
+    with pytest.raises(CheckpointError, match=r"nowhere.pth: cannot read this checkpoint"):
+        driving_network.load(CFG, (), "nowhere.pth")
+
+
+def test_weights_that_changed_meanwhile_are_refused(ckpt):
+    right = hashlib.sha256(Path(ckpt).read_bytes()).hexdigest()
+    assert driving_network.load(CFG, (), ckpt, right).facts["iterations"] == 12
+    with pytest.raises(CheckpointError, match=r"tiny.pth: was written anew meanwhile"):
+        driving_network.load(CFG, (), ckpt, "0" * 64)

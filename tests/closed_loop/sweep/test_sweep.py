@@ -1,0 +1,291 @@
+"""The same ``episodes.csv`` whoever ran the episodes, in whatever order, and however often that was broken off."""
+
+import csv
+import json
+import os
+import random
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections import Counter
+from contextlib import nullcontext
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from pcdet_avp.closed_loop.sweep import sweep as sweep_module
+from pcdet_avp.closed_loop.sweep.case import Case, run_case
+from pcdet_avp.closed_loop.sweep.journal import JOURNAL, Journal
+from pcdet_avp.closed_loop.sweep.summary import EPISODES, SUMMARY, crash_table, summary, write_results
+from pcdet_avp.closed_loop.sweep.sweep import Sweep, run_sweep
+from pcdet_avp.config import load_config, plain
+from pcdet_avp.errors import ConfigError, RecordError, SensorError
+
+REPOSITORY = Path(__file__).parents[3]
+DATA = load_config(REPOSITORY / "cfgs" / "dataset_configs" / "avp_full.yaml")
+LOOP = plain(load_config(REPOSITORY / "cfgs" / "closed_loop.yaml"))
+SENSING = {key: plain(DATA[key]) for key in ("SENSORS", "POINT_CLOUD_RANGE", "VOXEL_SIZE")}
+
+
+def asked(**changes) -> Sweep:
+    given = {
+        "scenario": "pedestrian",
+        "perception": "oracle",
+        "combos": ("CL+CL",),
+        "speeds": (8.0, 12.0),
+        "trials": 3,
+        "seed": 5,
+        "perceiver": {"data_cfg": SENSING},
+        "closed_loop": LOOP,
+        "identity": {"oracle": {}},
+    }
+    return Sweep(**{**given, **changes})
+
+
+class PoolHere:
+    """No Dask: one job at a time; ``choose`` says which of those that wait is next."""
+
+    def __init__(self, function, choose):
+        self.function, self.choose, self.waiting = function, choose, []
+
+    def submit(self, job, priority=0):
+        self.waiting.append(job)
+
+    def results(self):
+        while self.waiting:
+            job = self.choose(self.waiting)
+            self.waiting.remove(job)
+            yield self.function(job)
+
+
+def run_here(monkeypatch, choose):
+    monkeypatch.setattr(sweep_module, "task_pool", lambda function, *_: nullcontext(PoolHere(function, choose)))
+
+
+@pytest.fixture
+def in_this_process(monkeypatch):
+    run_here(monkeypatch, random.Random(1).choice)
+
+
+@pytest.fixture(scope="module")
+def reference(tmp_path_factory):
+    """``episodes.csv`` of the sweep by two workers of a local cluster."""
+    folder = tmp_path_factory.mktemp("two")
+    write_results(folder, run_sweep(asked(), folder, workers=2), {"seed": 5})
+    return folder
+
+
+def test_one_process_in_another_order_writes_the_same_bytes(reference, tmp_path, in_this_process):
+    write_results(tmp_path, run_sweep(asked(), tmp_path), {})
+    assert (tmp_path / EPISODES).read_bytes() == (reference / EPISODES).read_bytes()
+
+
+def test_goes_on_after_being_killed_within_a_line(reference, tmp_path, in_this_process):
+    lines = (reference / JOURNAL).read_bytes().splitlines(keepends=True)
+    (tmp_path / JOURNAL).write_bytes(b"".join(lines[:4]) + lines[4][:37])
+    run = []
+    original = sweep_module.run_case
+    sweep_module.run_case = lambda job: run.append(job.case) or original(job)
+    try:
+        write_results(tmp_path, run_sweep(asked(), tmp_path), {})
+    finally:
+        sweep_module.run_case = original
+    assert len(run) == len(lines) - 4
+    assert (tmp_path / EPISODES).read_bytes() == (reference / EPISODES).read_bytes()
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_the_summary_counts_what_the_episodes_say(reference):
+    with (reference / EPISODES).open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    found = json.loads((reference / SUMMARY).read_text())
+    assert found["meta"].pop("episodes_wall_s") > 0
+    assert found["meta"] == {"seed": 5, "commands": []}
+    assert len(rows) == 12  # oracle and the always-slow baseline, two speeds, three trials
+    for cell in found["cells"]:
+        own = [r for r in rows if (r["perception"], float(r["speed"])) == (cell["perception"], cell["speed"])]
+        assert cell["trials"] == len(own) == 3
+        assert cell["crashes"] == cell["front"] == sum(r["outcome"] == "front" for r in own)
+        assert cell["mean_speed"] == pytest.approx(sum(float(r["mean_speed"]) for r in own) / 3, rel=1e-4)
+        assert 0.0 <= cell["ci95"][0] <= cell["crashes"] / 3 <= cell["ci95"][1] <= 1.0
+    oracle = next(entry for entry in found["max_safe_speed"] if entry["perception"] == "oracle")
+    assert oracle["speed"] == 8.0
+    assert oracle["bounded_speed"] is None  # 0 of 3 leaves 63 %
+
+
+def test_the_summary_names_all_commands_that_went_on_with_a_folder(reference, tmp_path):
+    finished = Journal(reference).finished
+    for command in ("a", "b", "a"):
+        write_results(tmp_path, finished, {"command": command})
+    meta = json.loads((tmp_path / SUMMARY).read_text())["meta"]
+    assert (meta["command"], meta["commands"]) == ("a", ["a", "b"])
+
+
+def test_a_walker_in_the_side_is_no_crash_but_a_vehicle_is(reference):
+    rows = [entry[0] for entry in Journal(reference).finished.values()][:1]
+    walker = replace(rows[0], outcome="side")
+    vehicle = replace(walker, scenario="t_junction")
+    assert (walker.crashed, vehicle.crashed) == (False, True)
+    cell = summary([walker])["cells"][0]
+    assert (cell["crashes"], cell["side"]) == (0, 1)
+    assert "0/1" in crash_table([cell], [walker.speed])
+
+
+def test_cases_are_paired(in_this_process):
+    """Trial 1 of blind, at any speed and with any combination's name, meets the same first walker at the same place."""
+    rows = [
+        run_case(asked(perception="blind").job(Case("pedestrian", "blind", combo, speed, 1)))[0]
+        for combo in ("C+none", "CL+CL")
+        for speed in (4.0, 8.0)
+    ]
+    assert rows[0].crash_time_s == rows[2].crash_time_s
+    distances = [row.crash_time_s * row.speed - 6.0 * row.speed for row in rows]  # beyond the first gap
+    assert distances[0] == pytest.approx(distances[1], abs=8.0 * 0.3 + 0.5)
+
+
+@pytest.fixture
+def made_up(reference, monkeypatch):
+    """Episodes cost nothing: every second trial crashes, with C+none from 5 m/s on, else from 9 m/s on. Returns the
+    cases in the order in which they are run."""
+    template, run = next(iter(Journal(reference).finished.values()))[0], []
+
+    def episode(job):
+        run.append(job.case)
+        crashed = job.case.speed >= (5.0 if job.case.combo == "C+none" else 9.0) and job.case.trial % 2
+        return replace(template, **job.case._asdict(), outcome="front" if crashed else "none"), 0.0
+
+    monkeypatch.setattr(sweep_module, "run_case", episode)
+    return run
+
+
+SPEEDS = (3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0)
+
+
+def test_the_search_leaves_out_what_lies_below_the_edge(made_up, tmp_path, in_this_process):
+    finished = run_sweep(asked(speeds=SPEEDS, trials=20, search=True), tmp_path)
+    tried = Counter(case.speed for case in finished if case.perception == "oracle")
+    assert (tried[8.0], tried[9.0]) == (20, 20)
+    assert 3.0 not in tried
+    assert sum(tried.values()) <= 60
+    assert Counter(case.speed for case in finished if case.perception == "always_slow") == dict.fromkeys(SPEEDS, 20)
+
+
+def search_of_two(folder):
+    combos = ("C+none", "C+CL")
+    wanted = asked(perception="los", identity={"los": {}}, combos=combos, speeds=SPEEDS, trials=20, search=True)
+    return run_sweep(wanted, folder)
+
+
+def test_the_search_runs_the_same_cases_in_whatever_order_they_finish(made_up, tmp_path, monkeypatch):
+    found = []
+    for seed in range(4):
+        run_here(monkeypatch, random.Random(seed).choice)
+        found.append(search_of_two(tmp_path / str(seed)))
+    assert all(other == found[0] for other in found[1:])
+
+
+def test_a_line_of_the_search_waits_for_no_other(made_up, tmp_path, monkeypatch):
+    """C+CL is held up until C+none has come to the end of its search."""
+    run_here(monkeypatch, lambda waiting: min(waiting, key=lambda job: job.case.combo == "C+CL"))
+    search_of_two(tmp_path)
+    first = [case.combo for case in made_up].index("C+CL")
+    tried = Counter(case.speed for case in made_up[:first] if case.combo == "C+none")
+    assert (tried[4.0], tried[5.0]) == (20, 20)  # the edge
+    assert "C+none" not in {case.combo for case in made_up[first:]}
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "message"),
+    [
+        ({"speeds": (0.0,)}, ConfigError, "more than 0"),
+        ({"scenario": "crosswalk"}, ConfigError, "crosswalk"),
+        ({"combos": ("CL+X",)}, SensorError, r"CL\+X"),
+        ({"perception": "radar"}, ConfigError, "radar"),
+        ({"trials": 0}, ConfigError, "trials"),
+    ],
+)
+def test_bad_input(changes, error, message):
+    with pytest.raises(error, match=message):
+        asked(**changes)
+
+
+def test_a_folder_with_another_sweep_is_not_mixed_up(reference, in_this_process):
+    with pytest.raises(RecordError, match="another seed"):
+        run_sweep(asked(seed=6), reference)
+    with pytest.raises(RecordError, match="another closed_loop"):
+        run_sweep(asked(closed_loop={**LOOP, "HOLD_TICKS": 9}), reference)
+
+
+def test_a_damaged_journal_is_one_clear_error(tmp_path):
+    (tmp_path / JOURNAL).write_text("{}\n")
+    with pytest.raises(RecordError, match="line 1"):
+        Journal(tmp_path)
+
+
+TOOL = [sys.executable, str(REPOSITORY / "tools" / "safety_eval.py"), "--scenario", "pedestrian"]
+SLOW_SWEEP = ["--perception", "oracle", "--trials", "12", "--speeds", "3", "8", "--seed", "5"]
+
+
+def tool(*arguments, **kwargs):
+    command = [*TOOL, *map(str, arguments)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, **kwargs)
+
+
+def lines_in(folder):
+    return (folder / JOURNAL).read_bytes().count(b"\n") if (folder / JOURNAL).exists() else 0
+
+
+def wait_for(condition, process, timeout_s=400):
+    end = time.monotonic() + timeout_s
+    while not condition():
+        assert process.poll() is None, process.communicate()[0]
+        assert time.monotonic() < end, "nothing happened"
+        time.sleep(0.05)
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    """``episodes.csv`` of a sweep by one worker that nobody disturbs."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    printed, _ = tool(*SLOW_SWEEP, "--workers", 1, "--out", folder).communicate(timeout=1000)
+    return (folder / EPISODES).read_bytes(), printed
+
+
+@pytest.mark.slow
+def test_killed_and_started_again(undisturbed, tmp_path):
+    process = tool(*SLOW_SWEEP, "--out", tmp_path, start_new_session=True)
+    wait_for(lambda: lines_in(tmp_path) >= 5, process)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait(timeout=30)
+    assert not (tmp_path / EPISODES).exists()
+    printed, _ = tool(*SLOW_SWEEP, "--out", tmp_path).communicate(timeout=1000)
+    assert (tmp_path / EPISODES).read_bytes() == undisturbed[0], printed
+
+
+@pytest.mark.slow
+def test_a_dask_cluster_that_loses_a_worker(undisturbed, tmp_path):
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    address = f"tcp://127.0.0.1:{port}"
+    scheduler = _dask("scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard")
+    workers = [_dask("worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard") for _ in range(2)]
+    process = tool(*SLOW_SWEEP, "--scheduler", address, "--out", tmp_path)
+    try:
+        wait_for(lambda: lines_in(tmp_path) >= 5, process)
+        workers[0].kill()
+        printed, _ = process.communicate(timeout=1000)
+    finally:
+        for running in (process, *workers, scheduler):
+            running.kill()
+            running.wait(timeout=30)
+    assert (tmp_path / EPISODES).read_bytes() == undisturbed[0], printed
+
+
+def _dask(kind, *arguments):
+    command = [sys.executable, "-m", f"distributed.cli.dask_{kind}", *arguments]
+    environment = {**os.environ, "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "3"}
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment)

@@ -1,0 +1,46 @@
+"""Adam with decoupled decay over everything."""
+
+import pytest
+import torch
+
+from pcdet_avp.engine.training.optimizer import build_optimizer, set_point
+from pcdet_avp.errors import ConfigError
+
+
+def test_every_parameter_is_trained_bare_ones_included(toy):
+    model = toy.ToyNetwork()
+    held = {id(p) for group in build_optimizer(model, toy.OPTIMIZATION).param_groups for p in group["params"]}
+    assert held == {id(p) for p in model.parameters()}
+    assert id(model.scale) in held
+
+
+def test_first_step_is_decay_then_the_rate_against_the_gradients_sign(toy):
+    # Adam's first step is -lr * g / |g|, whatever the betas; decoupled decay multiplies by 1 - lr * decay before.
+    model = torch.nn.Linear(1, 1)
+    torch.nn.init.constant_(model.weight, 2.0)
+    torch.nn.init.constant_(model.bias, -3.0)
+    optimizer = build_optimizer(model, toy.OPTIMIZATION | {"WEIGHT_DECAY": 0.1})
+    set_point(optimizer, 0.01, 0.85)
+    model.weight.grad, model.bias.grad = torch.tensor([[5.0]]), torch.tensor([-0.5])
+    optimizer.step()
+    assert model.weight.item() == pytest.approx(2.0 * (1 - 0.001) - 0.01, abs=1e-6)
+    assert model.bias.item() == pytest.approx(-3.0 * (1 - 0.001) + 0.01, abs=1e-6)
+
+
+def test_the_schedule_moves_the_first_beta_only(toy):
+    optimizer = build_optimizer(toy.ToyNetwork(), toy.OPTIMIZATION)
+    set_point(optimizer, 0.5, 0.9)
+    assert optimizer.param_groups[0]["betas"] == (0.9, 0.99)
+
+
+def test_a_parameter_without_gradient_stays_as_it_is(toy):
+    trainer = toy.make_trainer()
+    camera_only = {"points": torch.ones(2, 4), "source_present": torch.tensor([[1.0, 0.0]] * 2)}
+    before = trainer.model.lidar.weight.clone()
+    trainer.step(camera_only)
+    assert torch.equal(trainer.model.lidar.weight, before)
+
+
+def test_an_unknown_optimizer_is_named_with_the_known(toy):
+    with pytest.raises(ConfigError, match="'sgd'; known: adam_onecycle"):
+        build_optimizer(toy.ToyNetwork(), toy.OPTIMIZATION | {"OPTIMIZER": "sgd"})

@@ -1,0 +1,68 @@
+"""A run that was killed and resumed is the run that never stopped, to the last bit."""
+
+import pytest
+import torch
+
+from pcdet_avp.engine import checkpoint
+from pcdet_avp.engine.training.run_state import restore_run, run_state
+from pcdet_avp.errors import CheckpointError
+from pcdet_avp.models.weights.checkpoint_file import read_checkpoint
+
+
+def _run(toy, trainer, steps):
+    source = toy.make_batches(trainer)
+    return [trainer.step(next(source)) for _ in range(steps)]
+
+
+def _reload(trainer, tmp_path):
+    checkpoint.save(tmp_path / "a.pth", run_state(trainer))
+    return read_checkpoint(tmp_path / "a.pth")
+
+
+@pytest.mark.parametrize("stop", [1, 7, 10])
+def test_resumed_equals_uninterrupted_bit_for_bit(toy, tmp_path, stop):
+    straight = toy.make_trainer()
+    expected = _run(toy, straight, 20)
+    first = toy.make_trainer()
+    _run(toy, first, stop)
+    content = _reload(first, tmp_path)
+
+    torch.manual_seed(99)
+    second = toy.make_trainer()
+    with torch.no_grad():
+        second.model.scale.fill_(5)
+    restore_run(second, content, "a.pth")
+    assert _run(toy, second, 20 - stop) == expected[stop:]
+    for ours, theirs in zip(second.model.parameters(), straight.model.parameters(), strict=True):
+        assert torch.equal(ours, theirs)
+    assert second.epoch == straight.epoch == 10
+
+
+def test_a_shortened_schedule_is_resumed_as_shortened(toy, tmp_path):
+    first = toy.make_trainer(planned=1000)
+    _run(toy, first, 5)
+    first.schedule = first.schedule.ending_at(40, first.iteration)
+    content = _reload(first, tmp_path)
+    second = toy.make_trainer(planned=1000)
+    restore_run(second, content, "a.pth")
+    assert second.schedule == first.schedule
+
+
+def test_another_number_of_epochs_replaces_the_schedule(toy, tmp_path):
+    first = toy.make_trainer(planned=30)
+    _run(toy, first, 5)
+    second = toy.make_trainer(planned=60)
+    restore_run(second, _reload(first, tmp_path), "a.pth")
+    assert (second.schedule.total, second.iteration) == (60, 5)
+
+
+def test_another_seed_or_batch_size_is_refused(toy, tmp_path):
+    content = _reload(toy.make_trainer(seed=3), tmp_path)
+    with pytest.raises(CheckpointError, match="that run's seed is 3, this one's is 4"):
+        restore_run(toy.make_trainer(seed=4), content, "a.pth")
+
+
+def test_bare_weights_are_no_run_to_go_on_with(toy):
+    trainer = toy.make_trainer()
+    with pytest.raises(CheckpointError, match="use --pretrained_model"):
+        restore_run(trainer, {"model_state": trainer.model.state_dict()}, "w.pth")

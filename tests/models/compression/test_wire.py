@@ -1,0 +1,56 @@
+"""Bytes between compressor and decompressor change nothing but what is known of the size."""
+
+import pytest
+import torch
+
+from pcdet_avp.errors import ConfigError
+from pcdet_avp.models.compression.bev_codec import BevCodec, Latent, NoCompression
+from pcdet_avp.models.compression.wire import Wire
+
+
+@pytest.fixture(params=["float16", "int8"])
+def codec(request):
+    torch.manual_seed(0)
+    codec = BevCodec({"PRECISION": request.param, "THRESHOLD": "rate", "TARGET_SHARE": 0.2}, channels=32)
+    return codec.eval()
+
+
+def _latents(codec, present):
+    """Of two samples; the second's sensors as in ``present`` (camera, LiDAR)."""
+    maps = {f"infra_{name}": torch.randn(2, 32, 12, 10) for name in ("camera", "lidar")}
+    source_present = torch.tensor([[1.0, 1, 1, 1], [1, 1, *present]])
+    with torch.no_grad():
+        return codec.compress({"bev_maps": maps, "source_present": source_present})["latents"]
+
+
+@pytest.mark.parametrize("present", [(1, 1), (0, 1)])
+def test_what_arrives_is_what_was_sent(codec, present):
+    latents = _latents(codec, present)
+    arrived = Wire(codec)(latents)
+    assert arrived.keys() == latents.keys()
+    for source, latent in latents.items():
+        assert latent.values.count_nonzero() > 0
+        assert torch.equal(arrived[source].values, latent.values)
+        assert torch.equal(arrived[source].received, latent.received)
+
+
+def test_bytes_are_counted_for_the_maps_that_were_sent_and_once(codec):
+    wire = Wire(codec)
+    wire(_latents(codec, (0, 1)))
+    sizes = wire.take_sizes()
+    assert {modality: len(bytes_) for modality, bytes_ in sizes.items()} == {"camera": 1, "lidar": 2}
+    # 20 % of 6 x 5 cells, four channels of at most two bytes and a mask, and a header.
+    assert all(6 < size < 6 * 4 * 2 + 64 for of_modality in sizes.values() for size in of_modality)
+    assert wire.take_sizes() == {}
+
+
+def test_an_empty_map_arrives_as_known_to_be_empty(codec):
+    nothing = Latent(torch.zeros(1, 4, 6, 5), torch.ones(1, 1, 6, 5, dtype=torch.bool))
+    arrived = Wire(codec)({"infra_camera": nothing})["infra_camera"]
+    assert arrived.received.all()
+    assert not arrived.values.any()
+
+
+def test_uncompressed_maps_have_no_packet():
+    with pytest.raises(ConfigError, match=r"--wire: .*no bytes"):
+        Wire(NoCompression({}, 32))

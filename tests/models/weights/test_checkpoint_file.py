@@ -1,0 +1,71 @@
+"""Checkpoints are read whole or refused by name, and never run code."""
+
+import os
+import pickle
+
+import numpy as np
+import pytest
+import torch
+
+from pcdet_avp.errors import CheckpointError
+from pcdet_avp.models.weights.checkpoint_file import read_checkpoint
+
+WEIGHTS = torch.arange(5000.0)
+
+
+@pytest.fixture
+def path(tmp_path):
+    torch.save({"model_state": {"w": WEIGHTS}, "it": 7}, tmp_path / "a.pth")
+    return tmp_path / "a.pth"
+
+
+def test_what_was_saved_is_read(path):
+    content = read_checkpoint(path)
+    assert content["it"] == 7
+    assert torch.equal(content["model_state"]["w"], WEIGHTS)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9, 0.999])
+def test_a_truncated_file_is_an_error_that_names_it(path, share):
+    path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
+    with pytest.raises(CheckpointError, match=r"a\.pth: truncated, damaged or no checkpoint"):
+        read_checkpoint(path)
+
+
+def test_a_flipped_bit_in_a_weight_is_found(path):
+    content = bytearray(path.read_bytes())
+    content[content.find(WEIGHTS.numpy().tobytes()[4000:4100])] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(CheckpointError, match=r"a\.pth: truncated, damaged .*wrong checksum"):
+        read_checkpoint(path)
+
+
+def test_other_files_are_refused(tmp_path):
+    (tmp_path / "text.pth").write_text("hello")
+    torch.save([1, 2], tmp_path / "list.pth")
+    for name, words in (("text", "truncated, damaged"), ("list", "found list"), ("none", "cannot read")):
+        with pytest.raises(CheckpointError, match=words):
+            read_checkpoint(tmp_path / f"{name}.pth")
+
+
+def test_code_in_a_checkpoint_is_not_run(tmp_path):
+    class Evil:
+        def __reduce__(self):
+            return os.mkdir, (str(tmp_path / "run"),)
+
+    torch.save({"model_state": Evil()}, tmp_path / "evil.pth")
+    (tmp_path / "evil2.pth").write_bytes(pickle.dumps({"model_state": Evil()}, protocol=2))
+    for name in ("evil", "evil2"):
+        with pytest.raises(CheckpointError, match=name):
+            read_checkpoint(tmp_path / f"{name}.pth")
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("zipped", [True, False])
+def test_the_hosts_checkpoints_with_numpy_numbers_are_read(tmp_path, zipped):
+    # OpenPCDet's schedule leaves numpy floats in the optimiser's groups, and it saves in the format before zip.
+    group = {"lr": np.float64(0.003) * np.cos(np.float64(0.5)), "betas": (np.float64(0.9), 0.99)}
+    content = {"model_state": {"w": WEIGHTS}, "optimizer_state": {"param_groups": [group]}}
+    torch.save(content, tmp_path / "host.pth", _use_new_zipfile_serialization=zipped)
+    loaded = read_checkpoint(tmp_path / "host.pth")["optimizer_state"]["param_groups"][0]
+    assert loaded == group
