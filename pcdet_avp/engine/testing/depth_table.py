@@ -18,10 +18,11 @@ from pcdet_avp.datasets import build_dataset
 from pcdet_avp.engine import checkpoint
 from pcdet_avp.engine.distributed import Ranks
 from pcdet_avp.engine.loader import batches
-from pcdet_avp.engine.testing.run import load_network
 from pcdet_avp.files import write_json, write_text
+from pcdet_avp.models import build_network
 from pcdet_avp.models.encoders.depth_branch import depth_truth
 from pcdet_avp.models.encoders.encoder import present_rows, suffix_of
+from pcdet_avp.models.weights.checkpoint_file import read_checkpoint
 from pcdet_avp.provenance import provenance
 from pcdet_avp.structures.sensor_set import agent_of
 
@@ -109,6 +110,15 @@ def _of_batch(model: nn.Module, batch_dict: dict) -> Iterator[tuple[str, DepthEr
         yield source, DepthErrors(*(column.double().cpu().numpy() for column in columns))
 
 
+def _load(cfg: Mapping, path: Path, dataset: Any, ranks: Ranks) -> tuple[nn.Module, dict[str, Any]]:
+    """(network, the checkpoint's content); what a whole network has besides is left out, nothing may be missing."""
+    content = read_checkpoint(path)
+    model = build_network(cfg.MODEL, len(cfg.CLASS_NAMES), dataset).to(ranks.device)
+    own = {key: value for key, value in content["model_state"].items() if key in model.state_dict()}
+    checkpoint.load_model(model, {"model_state": own}, path)
+    return model, content
+
+
 @dataclass(frozen=True)
 class DepthResult:
     """Rows of the depth table, and where they come from."""
@@ -122,9 +132,16 @@ class DepthResult:
         title = f"Depth errors of {self.meta['config']} on road users, {self.meta['frames']} frames of the split "
         return "\n".join([f"{title}{self.meta['split']!r}", "", HEADER, *map(_line, self.rows)])
 
-    def write(self, folder: Path) -> None:
-        """``depth.json`` and ``depth.md`` into a folder."""
-        write_json(folder / "depth.json", {"meta": self.meta, "rows": self.rows})
+    @property
+    def scalars(self) -> dict[str, float]:
+        """The medians in metres, named for TensorBoard."""
+        names = {f"depth/{row['source']}/{row['depth_m'][0]:.0f}-{row['depth_m'][1]:.0f}": row for row in self.rows}
+        return {name: row["median_m"] for name, row in names.items() if row["pixels"]}
+
+    def write(self, folder: Path, json_file: Path | None = None) -> None:
+        """``depth.json`` and ``depth.md`` into a folder; the JSON also to a file of its own."""
+        for file in filter(None, (folder / "depth.json", json_file)):
+            write_json(file, {"meta": self.meta, "rows": self.rows})
         write_text(folder / "depth.md", self.tables + "\n")
 
 
@@ -149,9 +166,9 @@ def run_depth_test(
     workers: int = 0,
     started: float | None = None,
 ) -> DepthResult:
-    """The depth table of a checkpoint of a ``CameraDepth`` network."""
+    """The depth table of a checkpoint of a ``CameraDepth`` network, or of a whole network with the same encoders."""
     dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split=split, logger=logger)
-    model, content = load_network(cfg, path, dataset, ranks, logger)
+    model, content = _load(cfg, path, dataset, ranks)
     dataset.sources = model.sources
     errors = depth_errors(model, dataset, ranks, batch_size, workers)
     weights = checkpoint.weights_hash(content["model_state"])

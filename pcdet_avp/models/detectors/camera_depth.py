@@ -33,7 +33,7 @@ class DepthEncoder(DepthBranch):
 
 @DETECTORS.register("CameraDepth")
 class CameraDepth(LoadableDetector):
-    """The camera encoders of MODEL.AGENTS (some of ego, infra), without their way to the BEV map."""
+    """The camera encoders of MODEL.AGENTS (default: ego and infra), without their way to the BEV map."""
 
     detects_objects = False  # its result is a depth table, not average precision
 
@@ -80,7 +80,7 @@ class CameraDepth(LoadableDetector):
 
 
 def _agents(cfg: Any) -> list[str]:
-    agents = require(cfg, "AGENTS", list)
-    if not agents or not set(agents) <= set(AGENTS) or len(set(agents)) != len(agents):
+    agents = cfg.get("AGENTS", list(AGENTS))
+    if not isinstance(agents, list) or not agents or not set(agents) <= set(AGENTS) or len(set(agents)) != len(agents):
         raise ConfigError(f"MODEL.AGENTS: expected one or both of {', '.join(AGENTS)}, found {agents}")
     return [agent for agent in AGENTS if agent in agents]
