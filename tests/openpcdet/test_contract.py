@@ -151,7 +151,7 @@ def test_the_optimiser_sees_every_parameter_of_every_network(name):
     geometry = {"point_cloud_range": cfg.DATA_CONFIG.POINT_CLOUD_RANGE, "voxel_size": cfg.DATA_CONFIG.VOXEL_SIZE}
     dataset = EasyDict(class_names=cfg.CLASS_NAMES, point_feature_encoder=encoder, **geometry)
     with torch.device("meta"):
-        network = our_classes()["pcdet.models.detectors"]["AvpCp"](cfg.MODEL, 2, dataset)
+        network = DETECTORS[cfg.MODEL.NAME](cfg.MODEL, 2, dataset)
     seen = {id(p) for p in contract.leaf_parameters(network)}
     missed = [name for name, p in network.named_parameters() if id(p) not in seen]
     assert not missed, missed
