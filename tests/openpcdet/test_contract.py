@@ -15,7 +15,7 @@ from pcdet_avp.config import load_config
 from pcdet_avp.models.compression import BevCodec, NoCompression
 from pcdet_avp.openpcdet.config import host_config
 from pcdet_avp.plugin import our_classes
-from pcdet_avp.registry import FUSERS
+from pcdet_avp.registry import DETECTORS, FUSERS
 
 HERE = Path(__file__).parent
 CFGS = HERE.parents[1] / "cfgs" / "avp"
