@@ -6,9 +6,11 @@ import argparse
 import os
 import sys
 from collections.abc import Callable
+from importlib.metadata import entry_points
 
 from easydict import EasyDict
 
+from pcdet_avp import shipped
 from pcdet_avp.config import apply_overrides, load_config
 from pcdet_avp.errors import AvpError
 
@@ -17,6 +19,7 @@ from pcdet_avp.errors import AvpError
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 CKPT_HELP = "checkpoint (default: the newest of the run, or the weights that come with the package)"
+COMMANDS = "pcdet_avp.commands"
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 
@@ -54,3 +57,15 @@ def run_tool(main: Callable[[], None]) -> None:
     except KeyboardInterrupt:
         print("interrupted; the same command goes on from here", file=sys.stderr)
         sys.exit(EXIT_INTERRUPTED)
+
+
+def program(module: str) -> list[str]:
+    """The words that start a command: its console script, or in a checkout the file in tools/.
+
+    ``module``: its name in ``pcdet_avp.commands``.
+    """
+    if not shipped.INSTALLED:
+        return ["python", f"tools/{module}.py"]
+    scripts = entry_points(group="console_scripts")
+    names = [script.name for script in scripts if script.value == f"{COMMANDS}.{module}:run"]
+    return names[:1] or ["python", "-m", f"{COMMANDS}.{module}"]

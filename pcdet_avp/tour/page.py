@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from pcdet_avp import __version__, commands
+from pcdet_avp import __version__
+from pcdet_avp.cli import program
 from pcdet_avp.evaluation.benchmark_table import markdown_table
 from pcdet_avp.provenance import git_commit, machine, versions
 from pcdet_avp.tour.place import SCENES, SEED
@@ -50,7 +51,7 @@ def _next_section() -> Section:
     body = []
     for what, words in COMMANDS:
         module, _, arguments = words.partition(" ")
-        body.append([what, f"`{' '.join(commands.program(module))} {arguments}`"])
+        body.append([what, f"`{' '.join(program(module))} {arguments}`"])
     table = Table("**Commands to go on with**", markdown_table(["to", "command"], body))
     return Section(
         "How to go on",

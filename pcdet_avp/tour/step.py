@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from pcdet_avp import commands
+from pcdet_avp.cli import COMMANDS, program
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.visualization.page import Section, Table
 from pcdet_avp.visualization.page.parts import Part
@@ -28,13 +28,13 @@ class Step:
     def command_line(self) -> str:
         """As a user would type it: a script of the checkout, or of the installed package."""
         module, *arguments = self.command
-        return shlex.join([*commands.program(module), *arguments])
+        return shlex.join([*program(module), *arguments])
 
     def run(self) -> None:
         """ConfigError if the command fails; its own message stands above."""
         print(f"\n{self.title}\n  {self.command_line}", flush=True)
         module, *arguments = self.command
-        done = subprocess.run([sys.executable, "-m", f"{commands.__name__}.{module}", *arguments], check=False)
+        done = subprocess.run([sys.executable, "-m", f"{COMMANDS}.{module}", *arguments], check=False)
         if done.returncode:
             raise ConfigError(f"the tour ended at: {self.command_line} (exit status {done.returncode})")
 

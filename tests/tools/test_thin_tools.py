@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from pcdet_avp import commands, shipped
+from pcdet_avp import cli, shipped
 
 REPOSITORY = Path(__file__).parents[2]
 TOOLS = sorted((REPOSITORY / "tools").glob("*.py"))
@@ -47,11 +47,11 @@ def test_a_script_ends_as_a_program_should(name, monkeypatch, capsys):
 
 
 def test_the_words_of_a_command_are_those_that_work_here(monkeypatch):
-    assert commands.program("train") == ["python", "tools/train.py"]
+    assert cli.program("train") == ["python", "tools/train.py"]
     scripts = [
         EntryPoint(name, f"pcdet_avp.commands.{module}:run", "console_scripts") for name, module in SCRIPTS.items()
     ]
     monkeypatch.setattr(shipped, "INSTALLED", True)
-    monkeypatch.setattr(commands, "entry_points", lambda group: scripts)
-    assert commands.program("train") == ["avp-train"]
-    assert commands.program("publish_weights") == ["python", "-m", "pcdet_avp.commands.publish_weights"]
+    monkeypatch.setattr(cli, "entry_points", lambda group: scripts)
+    assert cli.program("train") == ["avp-train"]
+    assert cli.program("publish_weights") == ["python", "-m", "pcdet_avp.commands.publish_weights"]

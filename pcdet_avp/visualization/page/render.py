@@ -6,7 +6,8 @@ from functools import partial
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from pcdet_avp.visualization.page import embed, markdown
+from pcdet_avp.visualization.page.embed import embedded_animation, embedded_picture, embedded_video, plays_in_browsers
+from pcdet_avp.visualization.page.markdown import inline_html, report_html, table_html
 from pcdet_avp.visualization.page.parts import Page
 
 SECTION_LEVEL = 2
@@ -25,14 +26,14 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters.update(inline=markdown.inline_html, anchor=_anchor)
+    environment.filters.update(inline=inline_html, anchor=_anchor)
     environment.globals.update(
-        table=markdown.table_html,
-        report=partial(markdown.report_html, level=SECTION_LEVEL + 1),
-        picture=embed.embedded_picture,
-        video=embed.embedded_video,
-        animation=embed.embedded_animation,
-        plays=embed.plays_in_browsers,
+        table=table_html,
+        report=partial(report_html, level=SECTION_LEVEL + 1),
+        picture=embedded_picture,
+        video=embedded_video,
+        animation=embedded_animation,
+        plays=plays_in_browsers,
     )
     return environment
 

@@ -1,5 +1,7 @@
 """Videos of episodes: time can be turned back, and what is drawn lies where it stood."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -71,6 +73,20 @@ def test_what_the_car_alone_would_have_wanted_is_to_go_on(recording):
     assert recording.log.targets.min() < 8.0
 
 
+def test_the_poster_shows_where_the_roadside_changes_most(recording):
+    """The car alone would go on at 8 m/s: the difference is largest where the target speed first is at its lowest."""
+    pictures = video.EpisodeVideo(recording, None, "t", EpisodeSettings())
+    lowest = recording.log.targets.min()
+    assert recording.log.targets[pictures.poster_tick()] == lowest
+    assert (recording.log.targets[: pictures.poster_tick()] > lowest).all()
+
+
+def test_the_poster_of_a_car_alone_shows_how_it_ended(recording):
+    alone = replace(recording, sensor_set=SensorSet.parse("C+none"))
+    pictures = video.EpisodeVideo(alone, None, "t", EpisodeSettings())
+    assert pictures.poster_tick() == len(recording.log.times) - 1
+
+
 def test_what_the_policy_ignores_is_drawn_apart(recording):
     """Pedestrians are heeded, parked cars are not."""
     seen = next(seen for seen in recording.log.perceived if seen is not None)
@@ -108,6 +124,7 @@ def test_a_film_shows_every_second_tick_up_to_the_last_and_holds_it(tmp_path, mo
     assert capture.get(cv2.CAP_PROP_FPS) == 10
     assert images[0].shape == (810, 1440, 3)
     assert cv2.imread(str(tmp_path / "a_stills.jpg")).shape == (4 * 810, 1440, 3)
+    assert cv2.imread(str(tmp_path / "a_poster.jpg")).shape == (810, 1440, 3)
 
 
 def test_detections_are_ringed_at_their_metres_on_the_map():
@@ -144,3 +161,6 @@ def test_the_slowest_crash_is_the_telling_episode_or_else_the_fastest_drive():
     rows = [row("C+none", 8.0, 0, "front"), row("C+none", 7.0, 3, "side"), row("C+none", 7.0, 1, "front")]
     rows += [row("C+none", 3.0, 0, "none"), row("C+CL", 8.0, 1, "none"), row("C+CL", 8.0, 0, "none")]
     assert [case[2:] for case in telling_cases(rows)] == [("C+none", 7.0, 1), ("C+CL", 8.0, 0)]
+    # Of the fastest drives one in which another combination crashed, if there is one.
+    rows[0], rows[-1] = row("C+none", 8.0, 1, "front"), row("C+CL", 8.0, 0, "none")
+    assert [case[2:] for case in telling_cases(rows)] == [("C+none", 7.0, 1), ("C+CL", 8.0, 1)]
