@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from pcdet_avp import cli, shipped
+from pcdet_avp import cli, commands, shipped
 
 REPOSITORY = Path(__file__).parents[2]
 TOOLS = sorted((REPOSITORY / "tools").glob("*.py"))
