@@ -6,41 +6,60 @@ A file holds tensors and plain values only (``torch.load(weights_only=True)``). 
 
 from __future__ import annotations
 
-import hashlib
+import logging
 import os
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import torch
 from torch import nn
 
 from pcdet_avp.errors import CheckpointError
+from pcdet_avp.models.weights.agreement import check_meaning
 from pcdet_avp.models.weights.checkpoint_file import read_checkpoint
+from pcdet_avp.models.weights.safetensors_file import SUFFIX, encode
+from pcdet_avp.models.weights.weights_hash import weights_hash
+
+__all__ = ["LATEST", "drop_oldest", "load_model", "load_newest", "newest_first", "save", "weights_hash"]
 
 LATEST = "latest_model.pth"
+logger = logging.getLogger(__name__)
 
 
 def save(path: Path, content: Mapping[str, Any]) -> None:
-    """Write a checkpoint beside its place, make sure it is on the disk, and move it there."""
+    """Write a checkpoint beside its place, make sure it is on the disk, and move it there.
+
+    A name that ends in ``.safetensors`` chooses that format, for weights and plain values.
+    """
     aside = path.with_name(f"{path.name}.{os.getpid()}.tmp")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with aside.open("wb") as file:
-            torch.save(dict(content), file)
+            _write(content, path.suffix, file)
             file.flush()
             os.fsync(file.fileno())
         os.replace(aside, path)
         _sync_folder(path.parent)
-    except (OSError, RuntimeError) as error:
+    except (OSError, RuntimeError, ValueError) as error:
         with suppress(OSError):
             aside.unlink()
         raise CheckpointError(f"{path}: cannot write this checkpoint ({error})") from error
 
 
-def load_model(model: nn.Module, content: Mapping[str, Any], path: str | os.PathLike) -> None:
+def _write(content: Mapping[str, Any], suffix: str, file: BinaryIO) -> None:
+    if suffix == SUFFIX:
+        file.write(encode(content))
+    else:
+        torch.save(dict(content), file)
+
+
+def load_model(
+    model: nn.Module, content: Mapping[str, Any], path: str | os.PathLike, log: logging.Logger = logger
+) -> None:
     """Put the weights of a checkpoint into ``model``; a file of another network is named with what differs first."""
+    check_meaning(model, content, path, log)
     theirs, ours = content["model_state"], model.state_dict()
     for key, value in ours.items():
         found = tuple(theirs[key].shape) if key in theirs else "nothing"
@@ -51,16 +70,6 @@ def load_model(model: nn.Module, content: Mapping[str, Any], path: str | os.Path
     if extra is not None:
         raise CheckpointError(f"{path}: made with another configuration: it has {extra}, which this network lacks")
     model.load_state_dict(theirs)
-
-
-def weights_hash(model_state: Mapping[str, torch.Tensor]) -> str:
-    """16 hexadecimal digits that change with any weight, not with key order, device or file."""
-    digest = hashlib.sha256()
-    for key in sorted(model_state):
-        value = model_state[key].detach().cpu().contiguous()
-        digest.update(f"{key}|{value.dtype}|{tuple(value.shape)}".encode())
-        digest.update(value.reshape(-1).view(torch.uint8).numpy().tobytes())
-    return digest.hexdigest()[:16]
 
 
 def newest_first(folder: Path) -> list[Path]:

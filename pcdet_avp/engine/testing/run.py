@@ -66,7 +66,7 @@ def load_network(
     """(network with the checkpoint's weights, the checkpoint's content)."""
     content = read_checkpoint(path)
     model = build_network(cfg.MODEL, len(cfg.CLASS_NAMES), dataset).to(ranks.device)
-    checkpoint.load_model(model, content, path)
+    checkpoint.load_model(model, content, path, logger)
     logger.info(f"{path}: iteration {content.get('it', '?')}")
     return model.eval(), content
 

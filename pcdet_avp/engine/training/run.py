@@ -28,7 +28,9 @@ from pcdet_avp.engine.training.trainer import Trainer
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.models import build_network
 from pcdet_avp.models.precision import SLOW_BF16, emulates_bf16
+from pcdet_avp.models.weights.agreement import MEANING_KEY
 from pcdet_avp.models.weights.checkpoint_file import read_checkpoint
+from pcdet_avp.models.weights.meaning import meaning_of
 from pcdet_avp.provenance import versions
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
 
@@ -143,6 +145,7 @@ def about(cfg: Mapping, config_name: str) -> dict[str, Any]:
         "config_name": config_name,
         "config_hash": config_hash(cfg),
         "config": plain(cfg),
+        MEANING_KEY: meaning_of(cfg),
     }
 
 

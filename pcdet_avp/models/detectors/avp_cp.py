@@ -16,6 +16,7 @@ from pcdet_avp.models.detectors.build import build_modules
 from pcdet_avp.models.detectors.map_dropout import drop_roadside_maps, drop_segments
 from pcdet_avp.models.detectors.post_processing import PostProcessing
 from pcdet_avp.models.recompute import recomputed
+from pcdet_avp.models.weights.agreement import NetworkMeaning
 from pcdet_avp.models.weights.checkpoint_file import read_checkpoint
 from pcdet_avp.models.weights.load import load_weights
 from pcdet_avp.registry import DETECTORS
@@ -50,6 +51,7 @@ class AvpCp(nn.Module):
             self.add_module(name, module)
         self.post_processing = PostProcessing(model_cfg["POST_PROCESSING"], dataset.class_names)
         self.register_buffer("global_step", torch.zeros(1, dtype=torch.int64))
+        self.meaning = NetworkMeaning.of(model_cfg, dataset)  # held against every file that weights come from
 
     def forward(self, batch_dict: dict, link: Link = received_as_sent) -> tuple:
         """
@@ -137,7 +139,7 @@ class AvpCp(nn.Module):
     ) -> None:
         """Load weights; first those of ``pre_trained_path``, if given. See ``load_weights`` for what is refused."""
         for path in filter(None, (pre_trained_path, filename)):
-            load_weights(self, self._read(path, to_cpu)["model_state"], path, logger)
+            load_weights(self, self._read(path, to_cpu), path, logger)
 
     def load_params_with_optimizer(
         self,
@@ -149,7 +151,7 @@ class AvpCp(nn.Module):
         """Load weights and the optimiser's state; the iteration and epoch they were saved at."""
         logger = logger or logging.getLogger(__name__)
         content = self._read(filename, to_cpu)
-        load_weights(self, content["model_state"], filename, logger)
+        load_weights(self, content, filename, logger)
         if optimizer is not None and content.get("optimizer_state") is not None:
             optimizer.load_state_dict(content["optimizer_state"])
         return int(content.get("it", 0)), int(content.get("epoch", -1))
