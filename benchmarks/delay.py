@@ -29,7 +29,7 @@ import matplotlib.pyplot as plt
 from pcdet_avp.bandwidth.frame_runner import FrameResult
 from pcdet_avp.bandwidth.late_fusion import Boxes
 from pcdet_avp.bandwidth.parts import Parts
-from pcdet_avp.bandwidth.rows import Judge
+from pcdet_avp.bandwidth.rows import Evaluator
 from pcdet_avp.bandwidth.study import choose_frames
 from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
 from pcdet_avp.datasets import build_dataset
@@ -154,15 +154,15 @@ def results(args, network: Network, past: Past, parts: Parts, chosen: list[int])
         yield parts.load(frame_id)
 
 
-def rows_of(args, judge: Judge, found: list[FrameResult]) -> list[dict]:
+def rows_of(args, evaluator: Evaluator, found: list[FrameResult]) -> list[dict]:
     """AP of every combination and delay, and the loss against no delay."""
     rows = []
     for combo in parse_combos(args.combos):
-        fresh = judge.detections([r.found[combo, label(0)] for r in found])
+        fresh = evaluator.detections([r.found[combo, label(0)] for r in found])
         for delay_ms in args.delays_ms:
-            late = judge.detections([r.found[combo, label(delay_ms)] for r in found])
-            gains = {name: judge.gain(name, fresh, late) if delay_ms else None for name in judge.class_names}
-            rows.append({"combo": combo, "delay_ms": delay_ms, "ap": judge.average_precision(late), "gain": gains})
+            late = evaluator.detections([r.found[combo, label(delay_ms)] for r in found])
+            gains = {name: evaluator.gain(name, fresh, late) if delay_ms else None for name in evaluator.class_names}
+            rows.append({"combo": combo, "delay_ms": delay_ms, "ap": evaluator.average_precision(late), "gain": gains})
     return rows
 
 
@@ -214,8 +214,8 @@ def main() -> None:
     parts = Parts(out / f"frames_{key}", parse_combos(args.combos), [label(d) for d in args.delays_ms])
     network = Network(model, dataset, ranks.device)
     found = list(results(args, network, Past(dataset.root_path), parts, chosen))
-    judge = Judge([truths[i] for i in chosen], dataset.regions(), dataset.class_names, seed=0)
-    rows = rows_of(args, judge, found)
+    evaluator = Evaluator([truths[i] for i in chosen], dataset.regions(), dataset.class_names, seed=0)
+    rows = rows_of(args, evaluator, found)
     meta = provenance(cfg, name, seed=0, weights_hash=weights) | {"checkpoint": args.ckpt.name, "frames": len(chosen)}
     title = f"Delay of the roadside's maps, {name}, {args.ckpt.name}, {len(chosen)} frames of {args.split}"
     plot(rows, name, out / "delay.png")

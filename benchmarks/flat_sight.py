@@ -38,7 +38,7 @@ class FlatSight:
         self._walls = np.concatenate([parked, scenario.layout.solid_boxes()])
         self._sought = [threat.object_id for threat in scenario.threats]
 
-    def perceive(self, world: World, tick: int, combo: SensorSet) -> Perceived:
+    def perceive(self, world: World, tick: int, sensor_set: SensorSet) -> Perceived:
         users = world.road_users()
         rows = [k for k in np.flatnonzero(np.isin(users.object_ids, self._sought)) if self._sees(world, users.boxes[k])]
         boxes = transform_boxes(world.world_from_ego.inverse(), users.boxes[rows])

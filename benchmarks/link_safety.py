@@ -80,7 +80,7 @@ def line(setting: str, combo: str, speed: float, rows: list[EpisodeRow]) -> dict
         "trials": len(rows),
         "ci95": list(crash_interval(crashes, len(rows))),
         "first_detection_m": _mean([row.first_detection_m for row in rows]),
-        "mean_speed": _mean([row.mean_speed for row in rows]),
+        "mean_speed_mps": _mean([row.mean_speed_mps for row in rows]),
         "message_age_s": _mean([row.message_age_s for row in rows]),
     }
 
@@ -97,7 +97,7 @@ def shown(row: dict[str, Any]) -> list[str]:
         "-" if row[key] is None else f"{factor * row[key]:.{digits}f} {unit}"
         for key, factor, digits, unit in (
             ("first_detection_m", 1, 1, "m"),
-            ("mean_speed", 1, 1, "m/s"),
+            ("mean_speed_mps", 1, 1, "m/s"),
             ("message_age_s", 1e3, 0, "ms"),
         )
     )

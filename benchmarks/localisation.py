@@ -37,10 +37,10 @@ from pcdet_avp.evaluation.benchmark_table import markdown_table
 from pcdet_avp.files import make_folder, write_json, write_text
 from pcdet_avp.models.weights.checkpoint_file import THRESHOLDS_KEY
 from pcdet_avp.provenance import provenance
+from pcdet_avp.visualization.palette import INFRA_INKS
 
 MAX_APART_M = 2.0
 EDGES_M = (0.0, 10.0, 20.0, 30.0, 47.0)
-COLOURS = {"none": "#6e6e6e", "C": "#e08a00", "CL": "#0062a8"}  # by the roadside's sensors
 # Dimensions along which a small offset costs most: a car's width, a person's side (metres).
 NARROW_SIDE_M = {"Car": 1.9, "Pedestrian": 0.375}
 
@@ -139,7 +139,7 @@ def plot(rows: Sequence[dict], config: str, file: Path) -> None:
         for combo in dict.fromkeys(row["combo"] for row in rows):
             ego, _, roadside = combo.partition("+")
             mine = [r for r in rows if (r["combo"], r["class"]) == (combo, name) and r["apart_m"] is not None]
-            style = {"color": COLOURS[roadside], "ls": "--" if ego == "C" else "-", "marker": "o", "ms": 4}
+            style = {"color": INFRA_INKS[roadside], "ls": "--" if ego == "C" else "-", "marker": "o", "ms": 4}
             middle = [(row["from_m"] + row["to_m"]) / 2 for row in mine]
             ax.plot(middle, [row["apart_m"] for row in mine], label=combo, **style)
         ax.axhline(tolerated_m(name), color="black", ls=":", lw=1, label=f"IoU {STRICT_IOU[name]:g} allows")

@@ -3,10 +3,11 @@
     OPENPCDET_ROOT=~/OpenPCDet python benchmarks/openpcdet.py [--threads 2] [--repeat 5]
 
 Both see one captured cloud on the grid of OpenPCDet's ``cfgs/kitti_models/pointpillar.yaml`` (432 x 496 cells of
-0.16 m) and the same boxes: forward, loss, backward. The host's pillars (at most 16,000 of at most 32 points) are made
-before its clock runs, as its data loader makes them; ours are made inside. The host has batch norm and KITTI's three
-classes, ours group norm and two; neither has attention. Without a GPU it runs with ``tests/host/openpcdet_shims.py``,
-none of which its training step spends time in. Best of the repeats: wall clock, and processor time over all threads.
+0.16 m) and the same boxes: forward, loss, backward. OpenPCDet's pillars (at most 16,000 of at most 32 points) are made
+before its clock runs, as its data loader makes them; ours are made inside. OpenPCDet has batch norm and KITTI's three
+classes, ours group norm and two; neither has attention. Without a GPU it runs with
+``tests/openpcdet/openpcdet_shims.py``, none of which its training step spends time in. Best of the repeats:
+wall clock, and processor time over all threads.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from torch.utils.flop_counter import FlopCounterMode
 
 from pcdet_avp.config import apply_overrides, load_config
 
-SHIMS = Path(__file__).parents[1] / "tests" / "host" / "openpcdet_shims.py"
+SHIMS = Path(__file__).parents[1] / "tests" / "openpcdet" / "openpcdet_shims.py"
 GROUND_Z_M = -1.73  # in KITTI's LiDAR frame
 MAX_PILLARS, MAX_POINTS = 16_000, 32
 
@@ -84,7 +85,7 @@ def theirs(threads: int) -> Callable[[], None]:
 
 
 def pillars(points: np.ndarray, low: np.ndarray, high: np.ndarray) -> dict[str, torch.Tensor]:
-    """The host's fixed-size buffers for points (P, 4), in any order of the pillars."""
+    """OpenPCDet's fixed-size buffers for points (P, 4), in any order of the pillars."""
     points = points[((points[:, :3] >= low) & (points[:, :3] < high)).all(1)]
     cells = ((points[:, :2] - low[:2]) / 0.16).astype(int)
     unique, pillar = np.unique(cells, axis=0, return_inverse=True)

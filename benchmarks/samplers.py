@@ -20,7 +20,7 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from pcdet_avp.models.backbones_2d.map_to_bev.frustum_collapse import SAMPLINGS, frustum_collapse
-from pcdet_avp.models.backbones_2d.map_to_bev.voxel_projection import trace_rays
+from pcdet_avp.models.backbones_2d.map_to_bev.voxel_projection import project_voxels
 from pcdet_avp.models.backbones_3d.vfe.segment_max import segment_max
 from pcdet_avp.models.backbones_image.depth_bins import DepthBins
 from pcdet_avp.structures.bev_grid import BevGrid
@@ -64,27 +64,29 @@ def pillars(points: int, segments: int, channels: int, repeat: int) -> None:
         report(name, way, (x,), repeat)
 
 
-def frustum(grid: BevGrid, size: tuple[int, int], heights: int, bins: DepthBins, channels: int, repeat: int) -> None:
-    print(f"camera to BEV, {size[1]} x {size[0]} pixels, {heights} heights, {bins.count} bins, {channels} channels")
+def frustum(
+    grid: BevGrid, size: tuple[int, int], num_heights: int, bins: DepthBins, channels: int, repeat: int
+) -> None:
+    print(f"camera to BEV, {size[1]} x {size[0]} pixels, {num_heights} heights, {bins.count} bins, {channels} channels")
     camera = PinholeCamera.looking_ahead(size[1], size[0], math.pi / 2, 0.0, 1.8)
     matrix = torch.tensor(camera.intrinsics @ camera.agent_from_camera.inverse().matrix[:3])
     h, w = (-(-n // STRIDE) for n in size)
     inputs = (
         torch.randn((h + 2) * (w + 2), channels, requires_grad=True),
         torch.rand((h + 2) * (w + 2), bins.count + 2, requires_grad=True),
-        torch.randn(channels, channels, heights, requires_grad=True),
+        torch.randn(channels, channels, num_heights, requires_grad=True),
     )
     for sampling in SAMPLINGS:
-        rays = trace_rays(matrix, grid, heights, bins, size, STRIDE, sampling == "nearest")
-        report(sampling, lambda *t, r=rays, s=sampling: frustum_collapse(*t, r, s), inputs, repeat)
-    voxels = (heights, grid.height, grid.width)
+        projection = project_voxels(matrix, grid, num_heights, bins, size, STRIDE, sampling == "nearest")
+        report(sampling, lambda *t, r=projection, s=sampling: frustum_collapse(*t, r, s), inputs, repeat)
+    voxels = (num_heights, grid.height, grid.width)
     axes = torch.eye(4)[None, [1, 2, 0]]  # rows along u, heights along v, columns along the depth: as orderly as rays
     places = F.affine_grid(axes, (1, 1, *voxels), align_corners=False)
     report("volumes + grid_sample", lambda f, p, c: caddn(f, p, c, places, (h + 2, w + 2)), inputs, repeat)
 
 
-def caddn(features: Tensor, chances: Tensor, weight: Tensor, places: Tensor, size: tuple[int, int]) -> Tensor:
-    volume = (features.view(*size, 1, -1) * chances.view(*size, -1, 1)).permute(3, 2, 0, 1)[None]
+def caddn(features: Tensor, probabilities: Tensor, weight: Tensor, places: Tensor, size: tuple[int, int]) -> Tensor:
+    volume = (features.view(*size, 1, -1) * probabilities.view(*size, -1, 1)).permute(3, 2, 0, 1)[None]
     voxels = F.grid_sample(volume, places, align_corners=False)
     return F.conv2d(voxels.flatten(1, 2), weight.flatten(1)[:, :, None, None])
 
@@ -97,11 +99,13 @@ def main() -> None:
     args = parser.parse_args()
     torch.set_num_threads(args.threads)
     torch.manual_seed(0)
-    cell, size, heights, bins, channels = (0.16, (540, 960), 25, 80, 64) if args.full else (0.32, (270, 480), 8, 72, 32)
+    cell, size, num_heights, bins, channels = (
+        (0.16, (540, 960), 25, 80, 64) if args.full else (0.32, (270, 480), 8, 72, 32)
+    )
     grid = BevGrid(0.0, -30.08, -0.5, 44.8, 30.08, 3.5, cell)
     print(f"{'':<36}{'forward':>10}{'processor':>10}{'fwd + bwd':>10}{'processor':>10}  ms, {args.threads} threads")
     pillars(150_000 if args.full else 40_000, 50_000 if args.full else 8_000, channels, args.repeat)
-    frustum(grid, size, heights, DepthBins("LID", bins, 2.0, 46.8), channels, args.repeat)
+    frustum(grid, size, num_heights, DepthBins("LID", bins, 2.0, 46.8), channels, args.repeat)
 
 
 if __name__ == "__main__":

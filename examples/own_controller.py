@@ -21,21 +21,21 @@ ENVIRONMENT = "pcdet_avp.closed_loop.gym_env:pcdet_avp/PedestrianCrossing-v0"  #
 COMFORTABLE_MPS2, GAP_M, ASIDE_M = 3.0, 2.0, 3.5
 
 
-def braking_distance_controller(observation: dict, cruising: float) -> float:
+def braking_distance_controller(observation: dict, cruising_mps: float) -> float:
     """v* = sqrt(2 b d), d being the free way to the nearest pedestrian within 3.5 m of the lane's middle, less 2 m."""
-    walkers = (observation["mask"] == 1) & (observation["classes"] == CLASS_NAMES.index("Pedestrian"))
-    x, y = observation["boxes"][walkers, :2].T
+    pedestrians = (observation["mask"] == 1) & (observation["classes"] == CLASS_NAMES.index("Pedestrian"))
+    x, y = observation["boxes"][pedestrians, :2].T
     ahead = x[(x > EGO_LENGTH_M / 2) & (np.abs(y) < ASIDE_M)] - EGO_LENGTH_M / 2
     free = max(ahead.min(initial=np.inf) - GAP_M, 0.0)
-    return min(cruising, float(np.sqrt(2 * COMFORTABLE_MPS2 * free)))
+    return min(cruising_mps, float(np.sqrt(2 * COMFORTABLE_MPS2 * free)))
 
 
-def drive(env: gymnasium.Env, trial: int, cruising: float, own: bool):
-    """The log of one episode; the same ``trial`` is the same walkers for either controller."""
+def drive(env: gymnasium.Env, trial: int, cruising_mps: float, own: bool):
+    """The log of one episode; the same ``trial`` is the same pedestrians for either controller."""
     observation, info = env.reset(options={"seed": 0, "trial": trial})
     over = False
     while not over:
-        target = braking_distance_controller(observation, cruising) if own else info["law_target_speed"]
+        target = braking_distance_controller(observation, cruising_mps) if own else info["law_target_speed"]
         observation, _, terminated, truncated, info = env.step(np.array([target], np.float32))
         over = terminated or truncated
     return info["log"]
@@ -46,11 +46,11 @@ def main() -> None:
     parser.add_argument("--speed", type=float, default=10.0, help="cruising speed, m/s")
     parser.add_argument("--episodes", type=int, default=5)
     args = parser.parse_args()
-    env = gymnasium.make(ENVIRONMENT, cruising=args.speed)
+    env = gymnasium.make(ENVIRONMENT, cruising_mps=args.speed)
     for name, own in (("the paper's law", False), ("own controller", True)):
         logs = [drive(env, trial, args.speed, own) for trial in range(args.episodes)]
         crashes = sum(log.outcome == "front" for log in logs)
-        pace, brake = np.mean([log.mean_speed for log in logs]), max(log.hardest_deceleration for log in logs)
+        pace, brake = np.mean([log.mean_speed_mps for log in logs]), max(log.hardest_deceleration_mps2 for log in logs)
         print(f"{name:16s} {crashes}/{len(logs)} crashes, mean {pace:.1f} m/s, hardest braking {brake:.1f} m/s2")
 
 

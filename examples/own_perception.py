@@ -49,9 +49,9 @@ class BackgroundSubtraction:
         scan, _ = sweep(empty, self._lidar, world.world_from_infra, nothing_lost, np.random.default_rng(0))
         self._background = np.where(scan.range_mm > 0, scan.range_mm, np.iinfo(np.uint16).max).astype(np.int64)
 
-    def perceive(self, world: World, tick: int, combo: SensorSet) -> Perceived:
+    def perceive(self, world: World, tick: int, sensor_set: SensorSet) -> Perceived:
         """Sweep, subtract, cluster; boxes in the ego frame."""
-        if not combo.infra_lidar:
+        if not sensor_set.infra_lidar:
             return Perceived.nothing()
         noise = sensor_rng((*self._key, tick), "infra_lidar")
         scan, _ = sweep(world.infra_tracer(), self._lidar, world.world_from_infra, self._noise, noise)
@@ -101,7 +101,7 @@ def main() -> None:
             scenario = draw_scenario(name, 0, trial, args.speed)
             log = run_episode(scenario, perceiver, SensorSet.parse("C+CL"))
             print(
-                f"{name:12s} episode {trial}: contact {log.outcome:5s}, mean {log.mean_speed:.1f} m/s, "
+                f"{name:12s} episode {trial}: contact {log.outcome:5s}, mean {log.mean_speed_mps:.1f} m/s, "
                 f"first detection {log.first_detection_m:.1f} m ahead, false braking {log.false_brake_share:.0%}"
             )
 

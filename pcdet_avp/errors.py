@@ -49,4 +49,4 @@ class LinkError(AvpError):
 
 
 class PluginError(AvpError):
-    """A host framework is absent or foreign, or something else has the name that one of our classes needs there."""
+    """OpenPCDet or MMEngine is absent or not as expected there, or a name that one of our classes needs is taken."""

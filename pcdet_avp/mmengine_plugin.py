@@ -23,13 +23,13 @@ from mmengine.registry import DATASETS, FUNCTIONS, METRICS, MODELS
 from pcdet_avp.config import load_config
 from pcdet_avp.datasets.avp.collate import load_batch
 from pcdet_avp.datasets.avp.network_input import NetworkInput
-from pcdet_avp.openpcdet.dataset import HostAvpDataset
-from pcdet_avp.openpcdet.detector import HostAvpCp
+from pcdet_avp.openpcdet.dataset import OpenPCDetAvpDataset
+from pcdet_avp.openpcdet.detector import OpenPCDetAvpCp
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
 
 
 @DATASETS.register_module(name="AvpDataset")
-class MmAvpDataset(HostAvpDataset):
+class MmAvpDataset(OpenPCDetAvpDataset):
     """Frames of the configuration's split; training draws one of ``sensor_sets`` for every sample."""
 
     def __init__(
@@ -51,7 +51,7 @@ class MmAvpDataset(HostAvpDataset):
 @FUNCTIONS.register_module()
 def avp_collate(samples: Sequence[dict]) -> dict:
     """The keyword arguments of the network's ``forward``."""
-    return {"inputs": HostAvpDataset.collate_batch(samples)}
+    return {"inputs": OpenPCDetAvpDataset.collate_batch(samples)}
 
 
 @MODELS.register_module(name="AvpCp")
@@ -63,14 +63,14 @@ class MmAvpCp(BaseModel):
         ours = load_config(cfg)
         self.class_names = list(ours.CLASS_NAMES)
         network_input = NetworkInput.from_config(ours.DATA_CONFIG, self.class_names)
-        self.network = HostAvpCp(ours.MODEL, len(self.class_names), network_input)
+        self.network = OpenPCDetAvpCp(ours.MODEL, len(self.class_names), network_input)
 
     def forward(self, inputs: dict, mode: str = "predict") -> dict | list[dict]:
         """inputs: a collated batch. ``loss``: {"loss": scalar} and what it is made of; ``predict``: annotations."""
         batch_dict = load_batch(inputs, self.network.global_step.device)
         if mode != "loss":
             predictions, _ = self.network(batch_dict)
-            return HostAvpDataset.generate_prediction_dicts(batch_dict, predictions, self.class_names)
+            return OpenPCDetAvpDataset.generate_prediction_dicts(batch_dict, predictions, self.class_names)
         losses, terms, _ = self.network(batch_dict)
         self.network.update_global_step()
         # mmengine adds up whatever has "loss" in its name

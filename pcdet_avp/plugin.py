@@ -18,15 +18,15 @@ from pathlib import Path
 from pcdet_avp.cli import run_tool
 from pcdet_avp.errors import PluginError
 
-HOST = "pcdet"
+OPENPCDET = "pcdet"
 CHECKOUT = Path(__file__).parents[1]
 
 
 def our_classes() -> dict[str, dict[str, type]]:
     """Module of OpenPCDet whose ``__all__`` is the table -> name in a configuration -> class.
 
-    ``BaseBEVBackbone`` and ``AnchorHeadSingle`` are the host's names: ours, inside ``AvpCp``, leave them to it.
-    ``FrustumToBev`` needs two cameras' calibration, which no stage of the host hands over: it works inside ``AvpCp``.
+    ``BaseBEVBackbone`` and ``AnchorHeadSingle`` are OpenPCDet's names: ours, inside ``AvpCp``, leave them to it.
+    ``FrustumToBev`` needs two cameras' calibration, which no stage of OpenPCDet hands over: it works inside ``AvpCp``.
     """
     from pcdet_avp.models.backbones_2d import wrapped_backbones
     from pcdet_avp.models.backbones_2d.map_to_bev.pillar_scatter import PillarScatter
@@ -34,8 +34,8 @@ def our_classes() -> dict[str, dict[str, type]]:
     from pcdet_avp.openpcdet import dataset, detector, fusers
 
     return {
-        "pcdet.datasets": {"AvpDataset": dataset.HostAvpDataset},
-        "pcdet.models.detectors": {"AvpCp": detector.HostAvpCp},
+        "pcdet.datasets": {"AvpDataset": dataset.OpenPCDetAvpDataset},
+        "pcdet.models.detectors": {"AvpCp": detector.OpenPCDetAvpCp},
         "pcdet.models.backbones_3d.vfe": {"DynamicPillars": DynamicPillars},
         "pcdet.models.backbones_2d.map_to_bev": {"PillarScatter": PillarScatter},
         "pcdet.models.backbones_2d.fuser": {
@@ -76,7 +76,7 @@ def _table(module: str) -> MutableMapping:
     try:
         table = getattr(importlib.import_module(module), "__all__", None)
     except ModuleNotFoundError as error:
-        if error.name == HOST:
+        if error.name == OPENPCDET:
             raise PluginError("OpenPCDet is not installed here: Python finds no package 'pcdet'") from error
         raise PluginError(f"OpenPCDet cannot be imported: {module}: {error}") from error
     except ImportError as error:
@@ -91,11 +91,11 @@ def _path(value: object) -> str:
 
 
 def run_script(script: Path, arguments: list[str]) -> None:
-    """Register, then run one of the host's scripts as if it had been started itself."""
+    """Register, then run one of OpenPCDet's scripts as if it had been started itself."""
     if not script.is_file():
         raise PluginError(f"{script}: no such script; expected OpenPCDet's tools/train.py, tools/test.py or the like")
     folders = [script.resolve().parent]  # its neighbours (train.py imports test.py), as Python would have it
-    if (folders[0].parent / HOST / "__init__.py").is_file():
+    if (folders[0].parent / OPENPCDET / "__init__.py").is_file():
         folders.append(folders[0].parent)  # a checkout that is not installed
     sys.path[:0] = [str(folder) for folder in folders]
     register()

@@ -24,7 +24,7 @@ def test_own_controller_is_compared_with_the_papers_law():
     assert "0/1 crashes" in lines[0]  # nobody is hit at 6 m/s by who knows everything
 
 
-def test_own_perception_sees_walkers_and_the_turning_vehicle():
+def test_own_perception_sees_pedestrians_and_the_turning_vehicle():
     text = output_of("own_perception", "--episodes", "1")
     assert [float(m) > 8 for m in re.findall(r"first detection ([\d.]+) m", text)] == [True, True]
     assert text.count("contact none") == 2
@@ -32,16 +32,18 @@ def test_own_perception_sees_walkers_and_the_turning_vehicle():
 
 def test_the_example_of_the_page_on_the_closed_loop_films_an_episode(monkeypatch):
     """Its code is run as it stands there; only the drawing is left out."""
-    from pcdet_avp.closed_loop.video import video as film
+    from pcdet_avp.closed_loop.video import video
 
     calls = []
-    monkeypatch.setattr(film, "film_episode", lambda *arguments: calls.append(arguments))
+    monkeypatch.setattr(video, "write_episode_video", lambda *arguments: calls.append(arguments))
     monkeypatch.chdir(REPOSITORY)
     page = (REPOSITORY / "docs" / "closed_loop.md").read_text()
-    code = next(block for block in re.findall(r"```python\n(.+?)```", page, re.DOTALL) if "film_episode" in block)
+    code = next(
+        block for block in re.findall(r"```python\n(.+?)```", page, re.DOTALL) if "write_episode_video" in block
+    )
     exec(code, {})
-    (scenario, perceiver, combo, cfg, file, _), *more = calls
+    (scenario, perceiver, sensor_set, cfg, file, _), *more = calls
     assert not more
-    assert (scenario.name, scenario.cruising, combo.name, file.suffix) == ("t_junction", 8.0, "C+CL", ".mp4")
-    assert perceiver.perceive(scenario.world(), 0, combo).missed is not None  # los knows what it misses
+    assert (scenario.name, scenario.cruising_mps, sensor_set.name, file.suffix) == ("t_junction", 8.0, "C+CL", ".mp4")
+    assert perceiver.perceive(scenario.world(), 0, sensor_set).missed is not None  # los knows what it misses
     assert "SENSORS" in cfg

@@ -70,7 +70,7 @@ def test_lower_floors_do_not_look_up(floor):
     "floor",
     ["models", "datasets", "engine", "openpcdet", "bandwidth", "plugin", "structures", "sim", "link", "evaluation"],
 )
-def test_no_optional_host_is_needed(floor):
+def test_no_optional_framework_is_needed(floor):
     loaded = loaded_after(floor)
-    for host in ("pcdet", "spconv", "mmengine", "mmdet3d", "carla"):
-        assert host not in loaded
+    for framework in ("pcdet", "spconv", "mmengine", "mmdet3d", "carla"):
+        assert framework not in loaded

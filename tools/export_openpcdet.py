@@ -13,7 +13,7 @@ from pcdet_avp.cli import run_tool
 from pcdet_avp.config import load_config
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.files import write_text
-from pcdet_avp.openpcdet.config import CHECKOUT, host_yaml
+from pcdet_avp.openpcdet.config import CHECKOUT, openpcdet_yaml
 
 SOURCES = ("cfgs/avp/cp_tiny.yaml", "cfgs/avp/cp_small.yaml", "cfgs/avp/cp_full.yaml")
 FOLDER = Path("cfgs") / "openpcdet"
@@ -38,7 +38,7 @@ def main() -> None:
 
 
 def export(source: str, path: Path, out: Path) -> None:
-    write_text(out, host_yaml(load_config(path), source, out.name))
+    write_text(out, openpcdet_yaml(load_config(path), source, out.name))
     print(f"wrote {out}")
 
 

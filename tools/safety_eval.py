@@ -5,7 +5,7 @@
     python tools/safety_eval.py --cfg C --ckpt F --scenario pedestrian_late --perception model
     python tools/safety_eval.py --cfg C --ckpt F --scenario t_junction --perception model --link nr_v2x --mcs 14
 
-Writes episodes.csv, summary.json, wall_times.csv and report.md with its figures, with --video films of telling
+Writes episodes.csv, summary.json, wall_times.csv and report.md with its figures, with --video videos of telling
 episodes; the same command goes on where it stopped.
 """
 
@@ -22,7 +22,7 @@ from pcdet_avp.closed_loop.report.report import write_report
 from pcdet_avp.closed_loop.sweep.arguments import sweep_meta, sweep_of
 from pcdet_avp.closed_loop.sweep.summary import crash_table, summary, write_results
 from pcdet_avp.closed_loop.sweep.sweep import run_sweep
-from pcdet_avp.closed_loop.video.video_sweep import film_sweep
+from pcdet_avp.closed_loop.video.video_sweep import write_sweep_videos
 from pcdet_avp.sim.scenarios.table import SCENARIOS
 
 CONFIGS = Path(__file__).resolve().parents[1] / "cfgs"
@@ -42,7 +42,9 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--search", action="store_true", help="seek the edge of safety instead of filling the table")
     parser.add_argument("--workers", type=int, default=2, help="processes (default: 2)")
     parser.add_argument("--scheduler", help="address of a running Dask scheduler (tcp://host:port)")
-    parser.add_argument("--video", action="store_true", help="film the slowest crash, or fastest drive, of every line")
+    parser.add_argument(
+        "--video", action="store_true", help="videos: the slowest crash, or fastest drive, of every line"
+    )
     parser.add_argument("--out", type=Path, help="default: output/safety_eval/SCENARIO_PERCEPTION")
     add_link_arguments(parser)
     return parser.parse_args()
@@ -58,8 +60,8 @@ def main() -> None:
     print(f"\ncrashes of trials by cruising speed, {args.scenario}\n")
     print(crash_table(summary(rows)["cells"], sorted(sweep.speeds)))
     print(f"\nwrote {write_report(out)}")
-    for film in film_sweep(sweep, finished, out / "videos") if args.video else ():
-        print(f"wrote {film}")
+    for file in write_sweep_videos(sweep, finished, out / "videos") if args.video else ():
+        print(f"wrote {file}")
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ from pcdet_avp.engine import distributed
 from pcdet_avp.engine.checkpoint import LATEST, newest_first
 from pcdet_avp.engine.outputs import RunFolder, open_log
 from pcdet_avp.engine.testing.detect import as_scalars, parse_combos
-from pcdet_avp.engine.testing.run import TestResult, run_test
+from pcdet_avp.engine.testing.run import BenchmarkResult, run_test
 from pcdet_avp.engine.training.monitor import write_scalars
 from pcdet_avp.errors import ConfigError
 
@@ -78,7 +78,7 @@ def epoch_of(path: Path) -> int:
     return int(number) if number.isdecimal() else sys.maxsize
 
 
-def _report(result: TestResult, path: Path, folder: RunFolder, args: argparse.Namespace) -> None:
+def _report(result: BenchmarkResult, path: Path, folder: RunFolder, args: argparse.Namespace) -> None:
     where = (
         folder.evaluation / path.stem / result.meta["split"] / (args.eval_tag or ("wire" if args.wire else "default"))
     )

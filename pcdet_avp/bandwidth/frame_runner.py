@@ -11,8 +11,8 @@ import torch
 from torch import Tensor, nn
 
 from pcdet_avp.bandwidth.late_fusion import Boxes, in_roadside_range, merge
-from pcdet_avp.bandwidth.plan import Point, Transmission
-from pcdet_avp.bandwidth.transmit import Sent, segments_of, transmit, unthinned
+from pcdet_avp.bandwidth.plan import StudyPoint, Transmission
+from pcdet_avp.bandwidth.transmit import Sent, segments_of, transmit, unsparsified
 from pcdet_avp.link.nr_v2x import BYTES_PER_SLOT, NrV2xConfig
 from pcdet_avp.models.compression import Latent
 from pcdet_avp.structures.pose import Pose
@@ -35,7 +35,9 @@ class FrameResult:
 class FrameRunner:
     """Runs frames: which points, with which combinations of sensors, on which MCS, from which seed."""
 
-    def __init__(self, model: nn.Module, points: Sequence[Point], combos: Sequence[str], mcs: int, seed: int) -> None:
+    def __init__(
+        self, model: nn.Module, points: Sequence[StudyPoint], combos: Sequence[str], mcs: int, seed: int
+    ) -> None:
         """``points`` as from ``make_plan``: the vehicle alone first, then what the network sends as trained."""
         self.model, self.points, self.mcs, self.seed = model, points, mcs, seed
         self.as_trained = points[1].transmission
@@ -62,11 +64,11 @@ class _Frame:
         self.key = zlib.crc32(str(batch_dict["frame_id"][0]).encode())
         self.batch = self.model.encode(batch_dict)
         compressed = self.model.codec.compress(self.batch)["latents"]
-        self.thinned = {source: latent.values[0] for source, latent in compressed.items()}
+        self.sparsified = {source: latent.values[0] for source, latent in compressed.items()}
         self._received: dict[Transmission, tuple[dict[str, Latent], dict[str, Sent]]] = {}
         self._found: dict[tuple, Boxes] = {}
 
-    def detect(self, point: Point, sensors: SensorSet) -> Boxes:
+    def detect(self, point: StudyPoint, sensors: SensorSet) -> Boxes:
         """What the vehicle finds at a point of a study."""
         if point.objects:
             return merge(self.alone(sensors), self.roadside(self.runner.as_trained), self.post_processing)
@@ -112,16 +114,16 @@ class _Frame:
     def received(self, transmission: Transmission) -> tuple[dict[str, Latent], dict[str, Sent]]:
         """What arrives of the frame's maps; whatever the loss, the same numbers decide which blocks it takes."""
         if transmission not in self._received:
-            latents = self.thinned if transmission.thinned else self.unthinned()
+            latents = self.sparsified if transmission.sparsified else self.unsparsified()
             rng = np.random.default_rng([self.runner.seed, self.key])
             self._received[transmission] = transmit(latents, transmission, self.runner.mcs, rng)
         return self._received[transmission]
 
-    def unthinned(self) -> dict[str, Tensor]:
+    def unsparsified(self) -> dict[str, Tensor]:
         codec, maps = self.model.codec, self.batch["bev_maps"]
-        return {source: unthinned(codec.codec_of(source), maps[source])[0] for source in self.thinned}
+        return {source: unsparsified(codec.codec_of(source), maps[source])[0] for source in self.sparsified}
 
-    def believed_pose(self, point: Point) -> Tensor:
+    def believed_pose(self, point: StudyPoint) -> Tensor:
         """``ego_from_infra`` (1, 4, 4) of a vehicle that errs about its own place; errors of all points are alike."""
         if point.position_std_m == point.yaw_std_deg == 0:
             return self.batch["ego_from_infra"]
@@ -135,7 +137,7 @@ class _Frame:
         """Transport blocks of every map, by MCS."""
         rooms = {mcs: NrV2xConfig(mcs=mcs).max_segment_bytes for mcs in BYTES_PER_SLOT}
         return {
-            mcs: {s: len(segments_of(x, modality_of(s), transmission, room)) for s, x in self.thinned.items()}
+            mcs: {s: len(segments_of(x, modality_of(s), transmission, room)) for s, x in self.sparsified.items()}
             for mcs, room in rooms.items()
         }
 

@@ -22,13 +22,13 @@ class Transmission:
     """How a map travels. ``precision`` None: as the float32 numbers that they are, without any bytes."""
 
     precision: str | None
-    thinned: bool = True  # False: with the cells that the trained threshold would drop
+    sparsified: bool = True  # False: with the cells that the trained threshold would drop
     budget_bytes: int | None = None
     loss: float = 0.0  # of every transport block
 
 
 @dataclass(frozen=True)
-class Point:
+class StudyPoint:
     """One row of a study. Without ``transmission`` nothing is sent; ``objects``: boxes are sent instead of maps.
 
     The errors are standard deviations of the vehicle's own pose, per axis.
@@ -42,15 +42,15 @@ class Point:
     objects: bool = False
 
 
-ALONE = Point("reference", "vehicle alone")
+ALONE = StudyPoint("reference", "vehicle alone")
 
 
-def reference(precision: str) -> Point:
+def reference(precision: str) -> StudyPoint:
     """What the network sends as it was trained: everything else is held against it."""
-    return Point("reference", f"{precision}, as trained", Transmission(precision))
+    return StudyPoint("reference", f"{precision}, as trained", Transmission(precision))
 
 
-def make_plan(studies: Sequence[str], precision: str, budget_bytes: int) -> list[Point]:
+def make_plan(studies: Sequence[str], precision: str, budget_bytes: int) -> list[StudyPoint]:
     """The points of the studies, the two references first."""
     unknown = [name for name in studies if name not in STUDIES]
     if unknown or not studies:
@@ -58,35 +58,35 @@ def make_plan(studies: Sequence[str], precision: str, budget_bytes: int) -> list
     of_study = {
         "codec": _codec(precision),
         "budget": _budgets(budget_bytes),
-        "loss": [Point("loss", f"{100 * p:g} % lost", Transmission(precision, loss=p)) for p in LOSSES],
+        "loss": [StudyPoint("loss", f"{100 * p:g} % lost", Transmission(precision, loss=p)) for p in LOSSES],
         "pose": _poses(precision),
-        "objects": [Point("objects", "boxes (late fusion)", objects=True)],
+        "objects": [StudyPoint("objects", "boxes (late fusion)", objects=True)],
     }
     return [ALONE, reference(precision), *(point for name in STUDIES if name in studies for point in of_study[name])]
 
 
-def _codec(precision: str) -> list[Point]:
+def _codec(precision: str) -> list[StudyPoint]:
     others = [name for name in PRECISIONS if name != precision]
     return [
-        Point("codec", "not thinned, not rounded", Transmission(None, thinned=False)),
-        Point("codec", "thinned, not rounded", Transmission(None)),
-        *(Point("codec", f"{name}, not trained for", Transmission(name)) for name in others),
+        StudyPoint("codec", "not thinned, not rounded", Transmission(None, sparsified=False)),
+        StudyPoint("codec", "thinned, not rounded", Transmission(None)),
+        *(StudyPoint("codec", f"{name}, not trained for", Transmission(name)) for name in others),
     ]
 
 
-def _budgets(budget_bytes: int) -> list[Point]:
+def _budgets(budget_bytes: int) -> list[StudyPoint]:
     return [
-        Point("budget", f"{name}, {budget_bytes // part} B", Transmission(name, budget_bytes=budget_bytes // part))
+        StudyPoint("budget", f"{name}, {budget_bytes // part} B", Transmission(name, budget_bytes=budget_bytes // part))
         for name in PRECISIONS
         for part in BUDGET_PARTS
     ]
 
 
-def _poses(precision: str) -> list[Point]:
+def _poses(precision: str) -> list[StudyPoint]:
     sent = Transmission(precision)
     return [
-        *(Point("pose", f"{std:g} m", sent, position_std_m=std) for std in POSITION_STDS_M),
-        *(Point("pose", f"{std:g} deg", sent, yaw_std_deg=std) for std in YAW_STDS_DEG),
+        *(StudyPoint("pose", f"{std:g} m", sent, position_std_m=std) for std in POSITION_STDS_M),
+        *(StudyPoint("pose", f"{std:g} deg", sent, yaw_std_deg=std) for std in YAW_STDS_DEG),
     ]
 
 

@@ -15,9 +15,7 @@ from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from pcdet_avp.evaluation.average_precision import STRICT_IOU
 from pcdet_avp.files import write_bytes
-
-COLOURS = {"camera": "#1f77b4", "lidar": "#d95f02"}
-CLASS_COLOURS = {"Car": "#1b6ca8", "Pedestrian": "#c0392b"}
+from pcdet_avp.visualization.palette import CLASS_INKS, MODALITY_INKS
 
 
 def write_plots(content: Mapping, folder: Path) -> list[str]:
@@ -72,7 +70,7 @@ def bytes_histogram(content: Mapping) -> plt.Figure:
     for ax, label in zip(axes[0], labels, strict=True):
         for row in (r for r in rows if r["label"] == label):
             text = f"{row['modality']}: median {row['median']:,.0f} B, 95 % {row['p95']:,.0f} B"
-            ax.hist(row["sizes"], edges, alpha=0.6, color=COLOURS[row["modality"]], label=text)
+            ax.hist(row["sizes"], edges, alpha=0.6, color=MODALITY_INKS[row["modality"]], label=text)
         ax.set(title=f"{content['config']}: {label}", xlabel="bytes per map, everything counted", ylabel="maps")
         ax.legend(fontsize=8)
     return figure
@@ -83,7 +81,7 @@ def ap_against_bytes(content: Mapping) -> plt.Figure:
     figure, axes = _panels(content)
     for ax, combo in zip(axes, content["combos"], strict=True):
         for name in _classes(content):
-            colour = CLASS_COLOURS[name]
+            color = CLASS_INKS[name]
             budgets = _pick(content, combo, "budget")
             for line, precision in (("-", "float16"), ("--", "int8")):
                 chosen = sorted(
@@ -91,12 +89,12 @@ def ap_against_bytes(content: Mapping) -> plt.Figure:
                 )
                 if chosen:
                     ax.plot(
-                        *zip(*chosen, strict=True), line, color=colour, marker="o", ms=4, label=f"{name}, {precision}"
+                        *zip(*chosen, strict=True), line, color=color, marker="o", ms=4, label=f"{name}, {precision}"
                     )
             for row, marker, text in _marked(content, combo):
-                ax.plot(row["bytes_per_frame"], ap_of(row, name), marker, color=colour, ms=9, label=f"{name}, {text}")
+                ax.plot(row["bytes_per_frame"], ap_of(row, name), marker, color=color, ms=9, label=f"{name}, {text}")
             alone = _pick(content, combo, "reference")[0]
-            ax.axhline(ap_of(alone, name), color=colour, ls=":", lw=1, label=f"{name}, vehicle alone")
+            ax.axhline(ap_of(alone, name), color=color, ls=":", lw=1, label=f"{name}, vehicle alone")
         ax.set(xscale="log", xlabel="bytes per frame, all maps, everything counted")
         ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 3, 5)))
         ax.xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
@@ -118,8 +116,8 @@ def ap_against_loss(content: Mapping) -> plt.Figure:
         rows = [(0.0, sent), *((float(r["label"].split()[0]), r) for r in _pick(content, combo, "loss"))]
         for name in _classes(content):
             x, y = zip(*((loss, ap_of(row, name)) for loss, row in rows), strict=True)
-            ax.plot(x, y, color=CLASS_COLOURS[name], marker="o", ms=4, label=name)
-            ax.axhline(ap_of(alone, name), color=CLASS_COLOURS[name], ls=":", lw=1, label=f"{name}, vehicle alone")
+            ax.plot(x, y, color=CLASS_INKS[name], marker="o", ms=4, label=name)
+            ax.axhline(ap_of(alone, name), color=CLASS_INKS[name], ls=":", lw=1, label=f"{name}, vehicle alone")
         ax.set(xlabel="blocks lost (%)")
     return _finished(figure, axes, content, "AP against block loss")
 
@@ -134,7 +132,7 @@ def ap_against_pose(content: Mapping) -> plt.Figure:
             rows = [(0.0, sent), *((float(r["label"].split()[0]), r) for r in rows)]
             for name in _classes(content):
                 x, y = zip(*((std, ap_of(row, name)) for std, row in rows), strict=True)
-                ax.plot(x, y, line, color=CLASS_COLOURS[name], marker="o", ms=4, label=f"{name}, {combo}")
+                ax.plot(x, y, line, color=CLASS_INKS[name], marker="o", ms=4, label=f"{name}, {combo}")
         ax.set(xlabel=f"standard deviation of the vehicle's own {text}")
     return _finished(figure, list(axes), content, "AP against pose error")
 

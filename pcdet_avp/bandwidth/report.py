@@ -9,7 +9,7 @@ from typing import Any
 
 from pcdet_avp.bandwidth.ages import age_rows
 from pcdet_avp.bandwidth.plots import write_plots
-from pcdet_avp.bandwidth.rows import Judge, blocks_by_mcs, map_rows, message_row, point_rows
+from pcdet_avp.bandwidth.rows import Evaluator, blocks_by_mcs, map_rows, message_row, point_rows
 from pcdet_avp.bandwidth.study import Study
 from pcdet_avp.evaluation.average_precision import LOOSE_IOU, STRICT_IOU
 from pcdet_avp.evaluation.benchmark_table import markdown_table
@@ -33,7 +33,7 @@ def make_content(study: Study, dataset: Any, min_scores: Mapping[str, float] | N
         "combos": list(options.combos),
         "maps": map_rows(study),
         "message": message_row(study, dataset.class_names, min_scores),
-        "rows": point_rows(study, Judge.of(dataset, study)),
+        "rows": point_rows(study, Evaluator.of(dataset, study)),
         "ages": [asdict(row) for row in age_rows(blocks_by_mcs(study), options.seed)],
     }
 

@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 from pcdet_avp.bandwidth.ages import RATE_HZ
 from pcdet_avp.bandwidth.late_fusion import Boxes, message_bytes
-from pcdet_avp.bandwidth.plan import ALONE, Point
+from pcdet_avp.bandwidth.plan import ALONE, StudyPoint
 from pcdet_avp.bandwidth.study import Study
 from pcdet_avp.evaluation import Detections, GroundTruth, Region, bootstrap_gain
 from pcdet_avp.evaluation.average_precision import STRICT_IOU, ap_table, thresholds
@@ -21,7 +21,7 @@ from pcdet_avp.structures.sensor_set import SOURCES, SensorSet, modality_of
 
 
 @dataclass(frozen=True, eq=False)
-class Judge:
+class Evaluator:
     """The truth of the chosen frames, and how detections are held against it."""
 
     truths: list[GroundTruth]
@@ -30,7 +30,7 @@ class Judge:
     seed: int
 
     @classmethod
-    def of(cls, dataset: Any, study: Study) -> Judge:
+    def of(cls, dataset: Any, study: Study) -> Evaluator:
         truths = dataset.ground_truths()
         return cls([truths[i] for i in study.chosen], dataset.regions(), dataset.class_names, study.options.seed)
 
@@ -103,31 +103,37 @@ def _sizes(objects: np.ndarray) -> dict[str, float]:
     return {"median": float(np.median(sizes)), "p95": float(np.quantile(sizes, 0.95)), "mean": float(sizes.mean())}
 
 
-def point_rows(study: Study, judge: Judge) -> list[dict]:
+def point_rows(study: Study, evaluator: Evaluator) -> list[dict]:
     """A row per point and combination: AP, what it is held against and the gain over that, bytes of all its maps."""
     rows = []
     total = len(study.points) * len(study.options.combos)
     with tqdm(total=total, unit="row", desc="judging") as bar:
         for combo in study.options.combos:
-            lists = {p.label: judge.detections([r.found[combo, p.label] for r in study.results]) for p in study.points}
+            lists = {
+                p.label: evaluator.detections([r.found[combo, p.label] for r in study.results]) for p in study.points
+            }
             for point in study.points:
-                rows.append(_row(study, judge, combo, point, lists))
+                rows.append(_row(study, evaluator, combo, point, lists))
                 bar.update(1)
     return rows
 
 
-def _row(study: Study, judge: Judge, combo: str, point: Point, lists: Mapping[str, list[Detections]]) -> dict:
+def _row(
+    study: Study, evaluator: Evaluator, combo: str, point: StudyPoint, lists: Mapping[str, list[Detections]]
+) -> dict:
     base = held_against(study.points, point)
-    gains = {n: None if base is None else judge.gain(n, lists[base], lists[point.label]) for n in judge.class_names}
+    gains = {
+        n: None if base is None else evaluator.gain(n, lists[base], lists[point.label]) for n in evaluator.class_names
+    }
     row = {"study": point.study, "label": point.label, "combo": combo}
-    row |= {"ap": judge.average_precision(lists[point.label]), "held_against": base, "gain": gains}
+    row |= {"ap": evaluator.average_precision(lists[point.label]), "held_against": base, "gain": gains}
     return row | {
         "bytes_per_frame": _bytes_per_frame(study, combo, point),
         "same_as_alone": _same(lists[point.label], lists[ALONE.label]),
     }
 
 
-def held_against(points: Sequence[Point], point: Point) -> str | None:
+def held_against(points: Sequence[StudyPoint], point: StudyPoint) -> str | None:
     """The label that a point is compared with: uncompressed maps where bytes vary, maps as trained for all else."""
     as_trained = points[1].label
     uncompressed = next((p.label for p in points if p.study == "codec"), None)
@@ -138,7 +144,7 @@ def held_against(points: Sequence[Point], point: Point) -> str | None:
     return uncompressed or (as_trained if point.label != as_trained else None)
 
 
-def _bytes_per_frame(study: Study, combo: str, point: Point) -> float | None:
+def _bytes_per_frame(study: Study, combo: str, point: StudyPoint) -> float | None:
     """Mean over the frames, all modalities that the combination uses together."""
     if point.objects:
         return _sizes(np.array([len(b.scores) for b in _roadsides(study)]))["mean"]

@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 from pcdet_avp.bandwidth.frame_runner import FrameResult, FrameRunner
 from pcdet_avp.bandwidth.parts import Parts
-from pcdet_avp.bandwidth.plan import Point, make_plan, paper_budget_bytes
+from pcdet_avp.bandwidth.plan import StudyPoint, make_plan, paper_budget_bytes
 from pcdet_avp.config import config_hash
 from pcdet_avp.engine.distributed import Ranks
 from pcdet_avp.engine.loader import batches
@@ -52,7 +52,7 @@ class Study:
     """Results of the frames ``chosen`` (indices into the data set), one each."""
 
     options: StudyOptions
-    points: list[Point]
+    points: list[StudyPoint]
     chosen: list[int]
     results: list[FrameResult]
     precision: str

@@ -38,7 +38,7 @@ class Sent:
     occupied: float
 
 
-def unthinned(codec: nn.Module, x: Tensor) -> Tensor:
+def unsparsified(codec: nn.Module, x: Tensor) -> Tensor:
     """What ``MapCodec.compress`` makes of a map (B, C, H, W) before it drops cells and rounds."""
     return F.max_pool2d(codec.reduce(full_precision(x)), codec.pooling)
 

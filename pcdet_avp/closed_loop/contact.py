@@ -1,8 +1,8 @@
 """When and how two moving boxes meet: a swept test of footprints by separating axes.
 
-Two rectangles are apart if and only if their shadows on one of their four side directions are apart. A shadow of a
-box that moves straight grows and leaves at known times, so the time of contact within a step is exact for boxes
-that do not turn in it; turning is resolved by the steps (5 ms or finer).
+Two rectangles are apart if and only if their projections on one of their four side directions are apart. The
+projection of a box that moves straight comes and leaves at known times, so the time of contact within a step is
+exact for boxes that do not turn in it; turning is resolved by the steps (5 ms or finer).
 """
 
 from __future__ import annotations
@@ -46,10 +46,10 @@ def _overlap_intervals(a, b, velocity):
         for k in range(4):
             heading = (a[i, 6] if k < 2 else b[i, 6]) + (k % 2) * np.pi / 2
             axis_x, axis_y = np.cos(heading), np.sin(heading)
-            first, last = _shadow_interval(
+            first, last = _overlap_interval(
                 (b[i, 0] - a[i, 0]) * axis_x + (b[i, 1] - a[i, 1]) * axis_y,
                 velocity[i, 0] * axis_x + velocity[i, 1] * axis_y,
-                _half_shadow(a[i], heading) + _half_shadow(b[i], heading),
+                _projected_half_extent(a[i], heading) + _projected_half_extent(b[i], heading),
             )
             enter[i], leave[i] = max(enter[i], first), min(leave[i], last)
         if enter[i] > leave[i]:
@@ -58,14 +58,14 @@ def _overlap_intervals(a, b, velocity):
 
 
 @numba.njit(cache=True)
-def _half_shadow(box, heading):
+def _projected_half_extent(box, heading):
     turn = box[6] - heading
     return (box[3] * abs(np.cos(turn)) + box[4] * abs(np.sin(turn))) / 2
 
 
 @numba.njit(cache=True)
-def _shadow_interval(offset, speed, reach):
-    """When |offset + speed t| <= reach."""
+def _overlap_interval(offset, speed, reach):
+    """First and last time at which |offset + speed t| <= reach: the projections overlap."""
     if speed == 0:
         return (-np.inf, np.inf) if abs(offset) <= reach else (np.inf, -np.inf)
     one, other = (-reach - offset) / speed, (reach - offset) / speed

@@ -17,9 +17,9 @@ class Driver:
     """Decides by the detections of the newest tick and of ``hold_ticks`` before it, where they were found (world)."""
 
     def __init__(
-        self, cruising: float, junction: JunctionMap | None, hold_ticks: int = 0, from_bumper: bool = True
+        self, cruising_mps: float, junction: JunctionMap | None, hold_ticks: int = 0, from_bumper: bool = True
     ) -> None:
-        self._cruising, self._junction, self._from_bumper = cruising, junction, from_bumper
+        self._cruising_mps, self._junction, self._from_bumper = cruising_mps, junction, from_bumper
         self._held: deque[tuple[np.ndarray, np.ndarray]] = deque(maxlen=hold_ticks + 1)
 
     def decide(self, boxes: np.ndarray, names: np.ndarray, world_from_ego: Pose) -> float:
@@ -32,5 +32,7 @@ class Driver:
 
     def target_speed(self, boxes: np.ndarray, names: np.ndarray, world_from_ego: Pose) -> float:
         """v* in m/s for boxes (N, 7) in the ego frame, without any memory; the world's frame is the map's."""
-        walkers, vehicles = boxes[names == "Pedestrian"], boxes[names == "Car"]
-        return target_speed(walkers, vehicles, self._cruising, world_from_ego, self._junction, self._from_bumper)
+        pedestrians, vehicles = boxes[names == "Pedestrian"], boxes[names == "Car"]
+        return target_speed(
+            pedestrians, vehicles, self._cruising_mps, world_from_ego, self._junction, self._from_bumper
+        )

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pcdet_avp.closed_loop.contact import MAX_STEP_S, Contact, first_contact
-from pcdet_avp.closed_loop.measurements import Gauges
+from pcdet_avp.closed_loop.measurements import Measurements
 from pcdet_avp.sim.actors import Actor, box_at, floor_box
 from pcdet_avp.sim.dynamics import Drive, LongitudinalState
 from pcdet_avp.sim.scenarios.scenario import Scenario
@@ -28,7 +28,7 @@ class Encounters:
         self.crashed = False
         self.contact: Contact | None = None
         self.met: int | None = None  # object id of whom the ego touched in ``contact``
-        self.impact_speed = 0.0
+        self.impact_speed_mps = 0.0
 
     def threats(self) -> list[Actor]:
         """Those who come into the ego's way and have not touched it."""
@@ -50,12 +50,12 @@ class Encounters:
                 self._world.release(number, start_s + float(moment))
                 del self._waiting[number]
 
-    def resolve(self, ride: Drive, start_s: float, gauges: Gauges) -> LongitudinalState:
+    def resolve(self, ride: Drive, start_s: float, measurements: Measurements) -> LongitudinalState:
         """Let the ego meet whom it meets during a ride that begins at ``start_s``; its state at the end or crash.
 
-        Distances and times to collision at the start are noted in ``gauges``.
+        Distances and times to collision at the start are noted in ``measurements``.
         """
-        near = self._near(ride, start_s, gauges)
+        near = self._near(ride, start_s, measurements)
         for contact, actor in contacts(ride, start_s, self._scenario.layout.lane_y, near) if near else ():
             state = state_at(ride, contact.time_s - start_s)
             self._meet(contact, actor, state.speed)
@@ -63,24 +63,26 @@ class Encounters:
                 return state
         return ride.end
 
-    def _near(self, ride: Drive, start_s: float, gauges: Gauges) -> list[Actor]:
+    def _near(self, ride: Drive, start_s: float, measurements: Measurements) -> list[Actor]:
         """Threats whom the ego may meet within the ride."""
         threats, ego = self.threats(), ego_box(ride.positions[0], self._scenario.layout.lane_y)
         motions = [actor.trajectory.at(start_s) for actor in threats]
         boxes = [floor_box(motion, actor.spec.size) for motion, actor in zip(motions, threats, strict=True)]
         velocity = [(m.speed * np.cos(m.yaw) - ride.speeds[0], m.speed * np.sin(m.yaw)) for m in motions]
-        apart = gauges.surroundings(ego, np.reshape(boxes, (-1, 7)), np.reshape(velocity, (-1, 2)))
+        apart = measurements.surroundings(ego, np.reshape(boxes, (-1, 7)), np.reshape(velocity, (-1, 2)))
         return [actor for actor, distance in zip(threats, apart, strict=True) if distance < NEAR_M]
 
     def _meet(self, contact: Contact, actor: Actor, speed: float) -> None:
-        """Any contact with a vehicle ends the drive; a walker's counts while the ego moves and ends it at the front."""
+        """Any contact with a vehicle ends the drive. With a pedestrian it counts while the ego moves, and only
+        one at the front ends the drive.
+        """
         self._touched.add(actor.object_id)
         vehicle = actor.name == "Car"
         if not vehicle and speed < STANDS_BELOW_MPS:
             return
         self.crashed = vehicle or contact.front
         if self.crashed or self.contact is None:
-            self.contact, self.met, self.impact_speed = contact, actor.object_id, speed
+            self.contact, self.met, self.impact_speed_mps = contact, actor.object_id, speed
 
 
 def ego_box(x: float, lane_y: float) -> np.ndarray:

@@ -13,7 +13,7 @@ from pcdet_avp.closed_loop.driver import Driver
 from pcdet_avp.closed_loop.encounters import Encounters
 from pcdet_avp.closed_loop.episode_log import EpisodeLog
 from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
-from pcdet_avp.closed_loop.measurements import Gauges
+from pcdet_avp.closed_loop.measurements import Measurements
 from pcdet_avp.closed_loop.perception.perceiver import Message, Perceived, Perceiver
 from pcdet_avp.sim.dynamics import LongitudinalState, drive
 from pcdet_avp.sim.scenarios.scenario import Scenario
@@ -23,10 +23,10 @@ from pcdet_avp.structures.sensor_set import SensorSet
 
 
 def run_episode(
-    scenario: Scenario, perceiver: Perceiver, combo: SensorSet, settings: EpisodeSettings | None = None
+    scenario: Scenario, perceiver: Perceiver, sensor_set: SensorSet, settings: EpisodeSettings | None = None
 ) -> EpisodeLog:
     """Drive by the policy until the ego has met somebody, has passed everybody, or the time is up."""
-    episode = Episode(scenario, perceiver, combo, settings)
+    episode = Episode(scenario, perceiver, sensor_set, settings)
     while not episode.over:
         _, target = episode.look()
         episode.move(target)
@@ -37,16 +37,16 @@ class Episode:
     """A drive between two ticks: ``look``, then ``move`` at a target speed, until it is ``over``; then ``log``."""
 
     def __init__(
-        self, scenario: Scenario, perceiver: Perceiver, combo: SensorSet, settings: EpisodeSettings | None = None
+        self, scenario: Scenario, perceiver: Perceiver, sensor_set: SensorSet, settings: EpisodeSettings | None = None
     ) -> None:
         self.scenario, self.settings = scenario, settings or EpisodeSettings()
-        self.state = LongitudinalState(scenario.ego_start_x, scenario.cruising)
-        self._perceiver, self._combo = perceiver, combo
+        self.state = LongitudinalState(scenario.ego_start_x, scenario.cruising_mps)
+        self._perceiver, self._sensor_set = perceiver, sensor_set
         self._world, self._tick = scenario.world(), 0
-        self._orders = deque([scenario.cruising] * self.settings.lag_ticks)
-        rules = (scenario.cruising, scenario.junction, self.settings.hold_ticks, self.settings.from_bumper)
+        self._orders = deque([scenario.cruising_mps] * self.settings.lag_ticks)
+        rules = (scenario.cruising_mps, scenario.junction, self.settings.hold_ticks, self.settings.from_bumper)
         self._driver, self._informed = Driver(*rules), Driver(*rules)  # by what is perceived, and by the truth
-        self._gauges = Gauges(scenario.cruising)
+        self._measurements = Measurements(scenario.cruising_mps)
         self._encounters = Encounters(scenario, self._world)
         self._rows: list[tuple[float, ...]] = []
         self._perceived: list[Perceived | None] = []
@@ -84,7 +84,7 @@ class Episode:
 
     def look(self) -> tuple[Perceived | None, float]:
         """What is perceived now (None while nobody can matter), and the target speed (m/s) that the policy asks for."""
-        seen, target = self._decide() if self._awake() else (None, self.scenario.cruising)
+        seen, target = self._decide() if self._awake() else (None, self.scenario.cruising_mps)
         if self.settings.keep_perceived:
             self._perceived.append(seen)
         return seen, target
@@ -100,12 +100,12 @@ class Episode:
 
     def _decide(self) -> tuple[Perceived, float]:
         ego, users = self._world.world_from_ego, self._world.road_users()
-        seen = self._perceiver.perceive(self._world, self._tick, self._combo)
+        seen = self._perceiver.perceive(self._world, self._tick, self._sensor_set)
         target = self._driver.decide(seen.boxes, seen.names, ego)
         truth = self._informed.decide(transform_boxes(ego.inverse(), users.boxes), users.names, ego)
-        self._gauges.decision(target, truth)
-        self._gauges.notice(seen, self._encounters.threats(), ego, self.time_s)
-        self._gauges.misses(seen.missed, self._driver, ego)
+        self._measurements.decision(target, truth)
+        self._measurements.notice(seen, self._encounters.threats(), ego, self.time_s)
+        self._measurements.misses(seen.missed, self._driver, ego)
         self._messages.append(seen.messages)
         return seen, target
 
@@ -116,8 +116,8 @@ class Episode:
         ride = drive(start, order, self.settings.tick_s, self.settings.dynamics)
         self._rows.append((self.time_s, start.position, start.speed, start.acceleration, order))
         self._encounters.release(ride, self.time_s)
-        self._gauges.ride(ride)
-        self.state = self._encounters.resolve(ride, self.time_s, self._gauges) if self._near else ride.end
+        self._measurements.ride(ride)
+        self.state = self._encounters.resolve(ride, self.time_s, self._measurements) if self._near else ride.end
         if not self.crashed:
             self._world.advance_to((self._tick + 1) * self.settings.tick_s)
             self._world.set_ego(self.state.position, self.scenario.layout.lane_y, 0.0)
@@ -140,8 +140,8 @@ class Episode:
             targets=targets,
             perceived=tuple(self._perceived),
             messages=tuple(self._messages),
-            impact_speed=self._encounters.impact_speed,
+            impact_speed_mps=self._encounters.impact_speed_mps,
             duration_s=end_s,
-            mean_speed=(self.state.position - self.scenario.ego_start_x) / end_s,
-            **self._gauges.figures(met),
+            mean_speed_mps=(self.state.position - self.scenario.ego_start_x) / end_s,
+            **self._measurements.figures(met),
         )

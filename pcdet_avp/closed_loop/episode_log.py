@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
@@ -33,10 +35,10 @@ class EpisodeLog:
     messages: tuple[tuple[Message, ...], ...]  # of every tick that perceived
     min_distance_m: float
     min_ttc_s: float
-    impact_speed: float
-    hardest_deceleration: float  # m/s2, >= 0
-    hardest_jerk: float  # m/s3, its magnitude
-    mean_speed: float
+    impact_speed_mps: float
+    hardest_deceleration_mps2: float  # m/s2, >= 0
+    hardest_jerk_mps3: float  # m/s3, its magnitude
+    mean_speed_mps: float
     duration_s: float  # simulated, to the crash where there is one
     false_brake_share: float  # of the ticks awake: asked to go slower than the truth would have asked
     first_detection_m: float  # ahead of the bumper: the threat that was noticed last, when it was first noticed
@@ -56,12 +58,12 @@ class EpisodeRow:
     outcome: str
     finished: bool
     crash_time_s: float | None
-    impact_speed: float
+    impact_speed_mps: float
     min_distance_m: float
     min_ttc_s: float
-    hardest_deceleration: float
-    hardest_jerk: float
-    mean_speed: float
+    hardest_deceleration_mps2: float
+    hardest_jerk_mps3: float
+    mean_speed_mps: float
     false_brake_share: float
     first_detection_m: float
     missed_outside: int
@@ -70,7 +72,7 @@ class EpisodeRow:
     messages: int  # used in all
     message_bytes: float  # mean size
     message_age_s: float  # mean age when used
-    max_lateral_acceleration: float  # m/s2, of the other vehicle on its rails
+    max_lateral_acceleration_mps2: float  # m/s2, of the other vehicle on its rails
 
     @property
     def crashed(self) -> bool:
@@ -78,3 +80,15 @@ class EpisodeRow:
 
 
 ROW_FIELDS = tuple(field.name for field in fields(EpisodeRow))
+FORMER_NAMES = {  # of columns, in files written before units stood in every name
+    "impact_speed": "impact_speed_mps",
+    "hardest_deceleration": "hardest_deceleration_mps2",
+    "hardest_jerk": "hardest_jerk_mps3",
+    "mean_speed": "mean_speed_mps",
+    "max_lateral_acceleration": "max_lateral_acceleration_mps2",
+}
+
+
+def with_current_names(row: Mapping[str, Any]) -> dict[str, Any]:
+    """A row that was read from ``episodes.csv`` or a journal, under today's column names."""
+    return {FORMER_NAMES.get(name, name): value for name, value in row.items()}

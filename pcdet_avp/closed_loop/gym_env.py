@@ -1,6 +1,6 @@
 """The closed loop as a Gymnasium environment: bring your own controller. Needs ``pip install pcdet_avp[gym]``.
 
-    env = gymnasium.make("pcdet_avp.closed_loop.gym_env:pcdet_avp/TJunction-v0", cruising=8.0)
+    env = gymnasium.make("pcdet_avp.closed_loop.gym_env:pcdet_avp/TJunction-v0", cruising_mps=8.0)
 
 The world, the dynamics, the perception and what counts as a crash are those of ``run_episode``. Whoever acts by
 ``info["law_target_speed"]``, the speed that the paper's law asks for, drives exactly the same episode.
@@ -55,7 +55,7 @@ class AvpEnv(gymnasium.Env):
     def __init__(
         self,
         scenario: str = "pedestrian",
-        cruising: float = 8.0,
+        cruising_mps: float = 8.0,
         perceiver: Perceiver | None = None,
         combo: str = "CL+CL",
         settings: EpisodeSettings | None = None,
@@ -63,14 +63,14 @@ class AvpEnv(gymnasium.Env):
     ) -> None:
         """``perceiver`` None: the oracle. ``combo``: the sensors that it may use."""
         if render_mode is not None:
-            raise ConfigError(f"render_mode: expected None, found {render_mode!r}; closed_loop.film makes videos")
-        draw_scenario(scenario, 0, 0, cruising)  # a wrong name or speed shows now
-        self._scenario, self._cruising, self._combo = scenario, cruising, SensorSet.parse(combo)
+            raise ConfigError(f"render_mode: expected None, found {render_mode!r}; closed_loop.video makes videos")
+        draw_scenario(scenario, 0, 0, cruising_mps)  # a wrong name or speed shows now
+        self._scenario, self._cruising_mps, self._combo = scenario, cruising_mps, SensorSet.parse(combo)
         self._perceiver = perceiver or Oracle(PerceiverSettings(PAPER_RANGE))
         self._settings = replace(settings or EpisodeSettings(), keep_perceived=True)
         self._episode: Episode | None = None
         self.render_mode = render_mode
-        self.action_space = spaces.Box(0.0, cruising, (1,), np.float32)
+        self.action_space = spaces.Box(0.0, cruising_mps, (1,), np.float32)
         self.observation_space = spaces.Dict(
             speed=spaces.Box(0.0, FAST_MPS, (1,), np.float32),
             distance=spaces.Box(-FAR_M, FAR_M, (1,), np.float32),
@@ -83,7 +83,7 @@ class AvpEnv(gymnasium.Env):
         """``options``: ``seed`` and ``trial`` choose the very episode that ``draw_scenario`` draws."""
         super().reset(seed=seed)
         wanted = {"seed": int(self.np_random.integers(2**31)), "trial": 0} | (options or {})
-        scenario = draw_scenario(self._scenario, wanted["seed"], wanted["trial"], self._cruising)
+        scenario = draw_scenario(self._scenario, wanted["seed"], wanted["trial"], self._cruising_mps)
         self._episode = Episode(scenario, self._perceiver, self._combo, self._settings)
         self._look()
         return self._observation(), self._info()
@@ -94,7 +94,7 @@ class AvpEnv(gymnasium.Env):
         if episode is None or episode.over:
             raise gymnasium.error.ResetNeeded("the episode is over (or has not begun): call reset() first")
         before = episode.state.position
-        episode.move(float(np.clip(action, 0.0, self._cruising)[0]))
+        episode.move(float(np.clip(action, 0.0, self._cruising_mps)[0]))
         reward = episode.state.position - before - CRASH_COST * episode.crashed
         self._look()
         ended = episode.crashed or episode.passed
@@ -102,7 +102,7 @@ class AvpEnv(gymnasium.Env):
 
     def _look(self) -> None:
         """What is perceived now, and what the paper's law makes of it; nothing after the end."""
-        seen, self._law = (None, self._cruising) if self._episode.over else self._episode.look()
+        seen, self._law = (None, self._cruising_mps) if self._episode.over else self._episode.look()
         self._seen = seen or Perceived.nothing()
 
     def _observation(self) -> dict[str, np.ndarray]:

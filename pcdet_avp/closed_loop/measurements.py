@@ -19,13 +19,13 @@ NOTICED_WITHIN_M = {"Pedestrian": 1.0, "Car": 2.0}  # a detection this near a ro
 BRAKE_TOLERANCE = 0.05  # share of v_c by which the target must lie below the truth's to count as false braking
 
 
-class Gauges:
+class Measurements:
     """Smallest distance and time to collision, hardest braking, false braking, who was noticed when, who was missed."""
 
-    def __init__(self, cruising: float) -> None:
-        self._cruising = cruising
+    def __init__(self, cruising_mps: float) -> None:
+        self._cruising_mps = cruising_mps
         self.min_distance_m, self.min_ttc_s = np.inf, np.inf
-        self.hardest_deceleration, self.hardest_jerk = 0.0, 0.0
+        self.hardest_deceleration_mps2, self.hardest_jerk_mps3 = 0.0, 0.0
         self.missed_outside, self.missed_occluded = 0, 0
         self._awake_ticks, self._false_brakes = 0, 0
         self._noticed_at: dict[int, float] = {}
@@ -42,13 +42,13 @@ class Gauges:
     def ride(self, ride: Drive) -> None:
         """How hard the ego braked and how abruptly."""
         jerk = np.abs(np.diff(ride.accelerations) / np.diff(ride.times)).max(initial=0.0)
-        self.hardest_jerk = max(self.hardest_jerk, float(jerk))
-        self.hardest_deceleration = max(self.hardest_deceleration, float(-ride.accelerations.min()))
+        self.hardest_jerk_mps3 = max(self.hardest_jerk_mps3, float(jerk))
+        self.hardest_deceleration_mps2 = max(self.hardest_deceleration_mps2, float(-ride.accelerations.min()))
 
     def decision(self, target: float, truth: float) -> None:
         """The target speed by what was perceived, and what it would have been by the truth."""
         self._awake_ticks += 1
-        self._false_brakes += target < truth - BRAKE_TOLERANCE * self._cruising
+        self._false_brakes += target < truth - BRAKE_TOLERANCE * self._cruising_mps
 
     def notice(self, perceived: Perceived, threats: Sequence[Actor], world_from_ego: Pose, time_s: float) -> None:
         """Note how far ahead of the bumper a threat (moving or not) is when it is first detected."""
@@ -66,7 +66,7 @@ class Gauges:
         if missed is None:
             return
         for box, name, outside in zip(missed.boxes, missed.names, missed.outside, strict=True):
-            if driver.target_speed(box[None], np.array([name]), world_from_ego) < self._cruising:
+            if driver.target_speed(box[None], np.array([name]), world_from_ego) < self._cruising_mps:
                 self.missed_outside += bool(outside)
                 self.missed_occluded += not outside
 
@@ -79,8 +79,8 @@ class Gauges:
         return {
             "min_distance_m": self.min_distance_m if met is None else 0.0,
             "min_ttc_s": self.min_ttc_s if met is None else 0.0,
-            "hardest_deceleration": self.hardest_deceleration,
-            "hardest_jerk": self.hardest_jerk,
+            "hardest_deceleration_mps2": self.hardest_deceleration_mps2,
+            "hardest_jerk_mps3": self.hardest_jerk_mps3,
             "false_brake_share": self._false_brakes / max(self._awake_ticks, 1),
             "first_detection_m": noticed if met is None or met in self._noticed_at else 0.0,
             "missed_outside": self.missed_outside,

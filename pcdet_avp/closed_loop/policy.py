@@ -1,14 +1,14 @@
-"""How fast to go, given what was detected: the paper's law for walkers, and a rule for vehicles at the junction.
+"""How fast to go, given what was detected: the paper's law for pedestrians, and a rule for vehicles at the junction.
 
 The law (paper, section "Evaluations of Safety-Critical Scenarios"), with dx_l and dx_h the longitudinal and lateral
-distances to a walker and v_c the cruising speed:
+distances to a pedestrian and v_c the cruising speed:
 
     v* = v_c clip((dx_l - 3) / 9, 0, 1)    for dx_h in [0, 2.5]
     v* = v_c clip((dx_l - 1) / 6, 0.5, 1)  for dx_h in (2.5, 6]
     v* = v_c                               else
 
 dx_l is measured from the front bumper to the nearest point of the box, dx_h from the ego's centre line to the nearest
-point of the box. Several walkers: the slowest wins. Walkers behind the bumper are ignored.
+point of the box. Several pedestrians: the slowest wins. Pedestrians behind the bumper are ignored.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from pcdet_avp.structures.pose import Pose
 INNER_M, OUTER_M = 2.5, 6.0  # lateral limits of the law's two bands
 
 
-def target_speed_law(ahead_m: np.ndarray, aside_m: np.ndarray, cruising: float) -> np.ndarray:
-    """v* (...) in m/s for a walker at dx_l = ``ahead_m`` and dx_h = ``aside_m`` (...); the paper's heat map."""
+def target_speed_law(ahead_m: np.ndarray, aside_m: np.ndarray, cruising_mps: float) -> np.ndarray:
+    """v* (...) in m/s for a pedestrian at dx_l = ``ahead_m`` and dx_h = ``aside_m`` (...); the paper's heat map."""
     ahead, aside = np.asarray(ahead_m, dtype=float), np.asarray(aside_m, dtype=float)
     inner = np.clip((ahead - 3.0) / 9.0, 0.0, 1.0)
     outer = np.clip((ahead - 1.0) / 6.0, 0.5, 1.0)
-    return cruising * np.where(aside <= INNER_M, inner, np.where(aside <= OUTER_M, outer, 1.0))
+    return cruising_mps * np.where(aside <= INNER_M, inner, np.where(aside <= OUTER_M, outer, 1.0))
 
 
-def walker_distances(boxes: np.ndarray, from_bumper: bool = True) -> tuple[np.ndarray, np.ndarray]:
+def pedestrian_distances(boxes: np.ndarray, from_bumper: bool = True) -> tuple[np.ndarray, np.ndarray]:
     """dx_l and dx_h (N,) of boxes (N, 7) in the ego frame; dx_l is infinite for those behind the front bumper.
 
     ``from_bumper`` False measures dx_l from the ego's centre instead, as the paper may have done; what lies behind
@@ -44,12 +44,12 @@ def walker_distances(boxes: np.ndarray, from_bumper: bool = True) -> tuple[np.nd
     return np.where(far > BUMPER_X_M, ahead, np.inf), np.maximum(np.maximum(right, -left), 0.0)
 
 
-def walkers_target_speed(boxes: np.ndarray, cruising: float, from_bumper: bool = True) -> float:
-    """v* in m/s for walkers (N, 7) in the ego frame."""
-    return float(target_speed_law(*walker_distances(boxes, from_bumper), cruising).min(initial=cruising))
+def pedestrians_target_speed(boxes: np.ndarray, cruising_mps: float, from_bumper: bool = True) -> float:
+    """v* in m/s for pedestrians (N, 7) in the ego frame."""
+    return float(target_speed_law(*pedestrian_distances(boxes, from_bumper), cruising_mps).min(initial=cruising_mps))
 
 
-def junction_target_speed(vehicles: np.ndarray, front_x: float, junction: JunctionMap, cruising: float) -> float:
+def junction_target_speed(vehicles: np.ndarray, front_x: float, junction: JunctionMap, cruising_mps: float) -> float:
     """v* in m/s for vehicles (N, 7) in the map's frame, the ego's front bumper being at ``front_x``.
 
     An obstructing vehicle is an obstacle at the entry of the conflict zone, straight ahead (dx_h = 0). An ego that
@@ -57,21 +57,21 @@ def junction_target_speed(vehicles: np.ndarray, front_x: float, junction: Juncti
     """
     ahead = junction.zone_x[0] - front_x
     if ahead < 0 or not junction.obstructs(vehicles).any():
-        return cruising
-    return float(target_speed_law(ahead, 0.0, cruising))
+        return cruising_mps
+    return float(target_speed_law(ahead, 0.0, cruising_mps))
 
 
 def target_speed(
-    walkers: np.ndarray,
+    pedestrians: np.ndarray,
     vehicles: np.ndarray,
-    cruising: float,
+    cruising_mps: float,
     map_from_ego: Pose,
     junction: JunctionMap | None = None,
     from_bumper: bool = True,
 ) -> float:
-    """v* in m/s for detected walkers (N, 7) and vehicles (M, 7) in the ego frame; vehicles count only with a map."""
-    slowest = walkers_target_speed(walkers, cruising, from_bumper)
+    """v* in m/s for detected pedestrians (N, 7) and vehicles (M, 7) in the ego frame; vehicles need a map."""
+    slowest = pedestrians_target_speed(pedestrians, cruising_mps, from_bumper)
     if junction is None:
         return slowest
     front_x = float(map_from_ego.apply(np.array([BUMPER_X_M, 0.0, 0.0]))[0])
-    return min(slowest, junction_target_speed(transform_boxes(map_from_ego, vehicles), front_x, junction, cruising))
+    return min(slowest, junction_target_speed(transform_boxes(map_from_ego, vehicles), front_x, junction, cruising_mps))

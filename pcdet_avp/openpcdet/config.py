@@ -12,7 +12,7 @@ from pcdet_avp.config import plain, require
 from pcdet_avp.openpcdet.dataset import CHECKOUT
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
 
-# What the host reads although it does not use them with adam_onecycle.
+# What OpenPCDet reads although it does not use it with adam_onecycle.
 UNUSED_SCHEDULE = {
     "MOMENTUM": 0.9,
     "DECAY_STEP_LIST": [],
@@ -30,8 +30,8 @@ HEADER = """\
 """
 
 
-def host_config(cfg: Mapping) -> dict:
-    """Plain mappings: ours, a relative DATA_PATH, the combinations to train with, and what only the host reads."""
+def openpcdet_config(cfg: Mapping) -> dict:
+    """Plain mappings: ours, a relative DATA_PATH, the combinations to train with, and what only OpenPCDet reads."""
     ours = plain(cfg)
     data, model, optimization = (require(ours, key, dict) for key in ("DATA_CONFIG", "MODEL", "OPTIMIZATION"))
     sets = list(optimization.get("SENSOR_SETS") or SENSOR_SETS)
@@ -51,7 +51,7 @@ def _relative(path: str) -> str:
     return path if relative.startswith(os.pardir) else Path(relative).as_posix()
 
 
-def host_yaml(cfg: Mapping, source: str, name: str) -> str:
-    """``host_config`` as the text of a file ``name``; ``source`` says whose it is."""
+def openpcdet_yaml(cfg: Mapping, source: str, name: str) -> str:
+    """``openpcdet_config`` as the text of a file ``name``; ``source`` says whose it is."""
     header = HEADER.format(source=source, name=name)
-    return header + "\n" + yaml.safe_dump(host_config(cfg), sort_keys=False, default_flow_style=None, width=110)
+    return header + "\n" + yaml.safe_dump(openpcdet_config(cfg), sort_keys=False, default_flow_style=None, width=110)

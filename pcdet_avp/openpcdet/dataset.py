@@ -16,20 +16,20 @@ from pcdet_avp.errors import RecordError
 from pcdet_avp.structures.sensor_set import SensorSet
 
 CHECKOUT = Path(pcdet_avp.__file__).parents[1]
-EGO_IMAGES = "images_ego"  # (B, 3, h, w): the host passes arrays under names that it does not know as they are
+EGO_IMAGES = "images_ego"  # (B, 3, h, w): OpenPCDet passes arrays under names that it does not know as they are
 COMBINATION_STREAM = 1  # of the random numbers, beside the augmentation's
 
 
-class HostAvpDataset(AvpDataset):
-    """``AvpDataset`` with what a host lacks.
+class OpenPCDetAvpDataset(AvpDataset):
+    """``AvpDataset`` with what OpenPCDet lacks.
 
     DATA_PATH, if relative, is looked for where ``find_data`` says. TRAIN_SENSOR_SETS, a list of combinations: each
     training sample has one of them, drawn anew at every visit. The network takes mixed batches, since presence is a
-    mask. Batches hold the ego's images as ``EGO_IMAGES``, because the host hands ``images`` to kornia.
+    mask. Batches hold the ego's images as ``EGO_IMAGES``, because OpenPCDet hands ``images`` to kornia.
     """
 
     def __init__(self, dataset_cfg: Mapping, *args: Any, root_path: str | Path | None = None, **kwargs: Any) -> None:
-        """As ``AvpDataset``'s; the host passes everything by name."""
+        """As ``AvpDataset``'s; OpenPCDet passes everything by name."""
         root = root_path if root_path is not None else find_data(require(dataset_cfg, "DATA_PATH", str))
         super().__init__(dataset_cfg, *args, root_path=root, **kwargs)
         self.train_sets = [str(name) for name in dataset_cfg.get("TRAIN_SENSOR_SETS") or []]

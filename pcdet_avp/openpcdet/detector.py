@@ -12,12 +12,12 @@ from pcdet_avp.models.weights.agreement import MEANING_KEY, as_tensor, check_mea
 from pcdet_avp.openpcdet.dataset import EGO_IMAGES
 
 
-class HostAvpCp(AvpCp):
-    """``AvpCp`` that finds the ego's images where ``HostAvpDataset`` puts them.
+class OpenPCDetAvpCp(AvpCp):
+    """``AvpCp`` that finds the ego's images where ``OpenPCDetAvpDataset`` puts them.
 
-    Under several processes the host averages gradients and expects one from every parameter, but an absent sensor's
-    encoder has none: there, every parameter takes part in the loss with weight zero. Checkpoints that the host writes
-    hold nothing but tensors: what the weights mean travels among them.
+    Under several processes OpenPCDet averages gradients and expects one from every parameter, but an absent sensor's
+    encoder has none: there, every parameter takes part in the loss with weight zero. Checkpoints that OpenPCDet
+    writes hold nothing but tensors: what the weights mean travels among them.
     """
 
     def forward(self, batch_dict: dict) -> tuple:

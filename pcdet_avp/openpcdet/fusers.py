@@ -12,7 +12,7 @@ KEYS = ("spatial_features_img", "spatial_features")
 
 
 class TwoMaps:
-    """Mixed into a ``MapFuser``: both maps are present everywhere. FUSER.OUT_CHANNEL, which the host reads, is C."""
+    """Mixed into a ``MapFuser``: both maps are present everywhere. FUSER.OUT_CHANNEL, which OpenPCDet reads, is C."""
 
     def forward(self, batch_dict: dict) -> dict:
         """

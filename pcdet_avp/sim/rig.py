@@ -107,12 +107,12 @@ def _observe_both(
 def _labels(world: World, rig: Rig, instances: Mapping[str, np.ndarray]) -> Labels:
     """The ground truth of every road user, and how often each of them was hit."""
     users = world.road_users()
-    hits = np.zeros((len(users), len(SOURCES)), np.int64)
+    hit_counts = np.zeros((len(users), len(SOURCES)), np.int64)
     for source, instance in instances.items():
-        hits[:, SOURCES.index(source)] = count_instances(instance, users.object_ids)
+        hit_counts[:, SOURCES.index(source)] = count_instances(instance, users.object_ids)
     boxes = transform_boxes(world.world_from_ego.inverse(), users.boxes)
     seen = visible_vertices(world.ego_tracer(), rig.ego.camera, world.world_from_ego, users)
-    return Labels(boxes, users.names, users.object_ids, seen, hits)
+    return Labels(boxes, users.names, users.object_ids, seen, hit_counts)
 
 
 def _observe(

@@ -5,7 +5,7 @@ The simulator makes a ``Frame``, a record on disk holds one, the network's input
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
@@ -44,23 +44,24 @@ class Labels:
 
     boxes (N, 7); names (N,) of ``CLASS_NAMES``; object_ids (N,) int, constant over a scene.
     visible_vertices (N,): box vertices in the vehicle camera's line of sight, 0-8.
-    hits (N, 4) int, in the order of ``SOURCES``: camera pixels or LiDAR points on the object.
+    hit_counts (N, 4) int, in the order of ``SOURCES``: camera pixels or LiDAR points on the object.
     """
 
     boxes: np.ndarray
     names: np.ndarray
     object_ids: np.ndarray
     visible_vertices: np.ndarray
-    hits: np.ndarray
+    hit_counts: np.ndarray
 
     def __post_init__(self) -> None:
         check_boxes(self.boxes, "labels.boxes")
         n = len(self.boxes)
-        for name in ("names", "object_ids", "visible_vertices", "hits"):
+        for name in ("names", "object_ids", "visible_vertices", "hit_counts"):
             if len(getattr(self, name)) != n:
                 raise GeometryError(f"labels.{name}: expected {n} rows, found {len(getattr(self, name))}")
-        if self.hits.shape != (n, len(SOURCES)):
-            raise GeometryError(f"labels.hits: expected shape ({n}, {len(SOURCES)}), found {self.hits.shape}")
+        if self.hit_counts.shape != (n, len(SOURCES)):
+            expected = (n, len(SOURCES))
+            raise GeometryError(f"labels.hit_counts: expected shape {expected}, found {self.hit_counts.shape}")
         unknown = set(self.names) - set(CLASS_NAMES)
         if unknown:
             raise GeometryError(f"labels.names: unknown classes {sorted(unknown)}; known: {CLASS_NAMES}")
@@ -77,7 +78,7 @@ class Labels:
 
     def select(self, mask: np.ndarray) -> Labels:
         """The rows where mask (N,) is true."""
-        return Labels(*(getattr(self, f)[mask] for f in ("boxes", "names", "object_ids", "visible_vertices", "hits")))
+        return Labels(*(getattr(self, f.name)[mask] for f in fields(self)))
 
     @classmethod
     def empty(cls) -> Labels:

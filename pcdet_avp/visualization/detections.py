@@ -14,17 +14,12 @@ from pcdet_avp.structures.ego import EGO_FOOTPRINT
 from pcdet_avp.structures.frame import Frame
 from pcdet_avp.visualization.draw import (
     BRIGHT_POINTS,
-    EGO_LIGHT,
-    INFRA_LIGHT,
     WIDTH_PX,
     BevCanvas,
     camera_panel,
     put_text,
 )
-
-TRUE_COLOR = (70, 190, 90)
-CLASS_COLORS: Mapping[str, tuple[int, int, int]] = {"Car": (255, 175, 50), "Pedestrian": (255, 90, 170)}
-OTHER_COLOR, EGO_COLOR = (120, 200, 255), (255, 255, 255)
+from pcdet_avp.visualization.palette import CLASS_COLORS, EGO_COLOR, EGO_LIGHT, INFRA_LIGHT, OTHER_COLOR, TRUE_COLOR
 
 
 def comparison(frame: Frame, grid: BevGrid, results: Mapping[str, tuple[Frame, Detections]]) -> np.ndarray:

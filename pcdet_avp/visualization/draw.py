@@ -12,7 +12,6 @@ from pcdet_avp.structures.camera import PinholeCamera
 from pcdet_avp.structures.frame import AgentView
 
 WIDTH_PX = 1600  # of a whole picture
-EGO_LIGHT, INFRA_LIGHT = (90, 170, 255), (255, 150, 60)  # of the agents' point clouds
 BRIGHT_POINTS = 40_000  # a cloud of so many points is drawn at full strength, a denser one fainter
 NEAR_M = 0.1  # edges are cut where they come closer to the camera plane than this
 

@@ -10,16 +10,12 @@ from pcdet_avp.structures.ego import EGO_FOOTPRINT
 from pcdet_avp.structures.frame import DIFFICULTIES, Frame, Labels
 from pcdet_avp.visualization.draw import (
     BRIGHT_POINTS,
-    EGO_LIGHT,
-    INFRA_LIGHT,
     WIDTH_PX,
     BevCanvas,
     camera_panel,
     put_text,
 )
-
-# By difficulty: easy, hard, invisible to the vehicle's camera.
-DIFFICULTY_COLORS = np.array([[90, 220, 110], [250, 190, 60], [240, 80, 80]], np.uint8)
+from pcdet_avp.visualization.palette import DIFFICULTY_COLORS, EGO_LIGHT, INFRA_LIGHT
 
 
 def preview(frame: Frame, grid: BevGrid) -> np.ndarray:

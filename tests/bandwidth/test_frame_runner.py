@@ -9,7 +9,7 @@ import torch
 from pcdet_avp.bandwidth.frame_runner import FrameRunner
 from pcdet_avp.bandwidth.late_fusion import Boxes
 from pcdet_avp.bandwidth.plan import STUDIES, make_plan
-from pcdet_avp.bandwidth.transmit import unthinned
+from pcdet_avp.bandwidth.transmit import unsparsified
 from pcdet_avp.link import MapStamp, encode
 from pcdet_avp.models.compression import BevCodec
 from pcdet_avp.models.compression.wire import Wire
@@ -91,7 +91,7 @@ def test_what_is_not_thinned_is_what_the_compressor_sends_where_it_may_send_all(
     codec = BevCodec({"THRESHOLD": "rate", "TARGET_SHARE": 1.0}, channels=16).codecs["camera"]
     x = torch.randn(1, 16, 12, 10)
     with torch.no_grad():
-        ours, theirs = unthinned(codec, x), codec.compress(x)[0]
+        ours, theirs = unsparsified(codec, x), codec.compress(x)[0]
     assert torch.equal(ours.half().float(), theirs)
     assert not torch.equal(ours, theirs)
 

@@ -1,4 +1,4 @@
-"""Tiny scenes with known outcomes: an empty hall, the ego at 5 m/s, and one walker or vehicle on rails."""
+"""Tiny scenes with known outcomes: an empty hall, the ego at 5 m/s, and one pedestrian or vehicle on rails."""
 
 import numpy as np
 
@@ -23,7 +23,7 @@ def hall(*walls: Wall) -> GarageLayout:
     return GarageLayout(-100.0, 2.0, -15.0, -28.0, 7.5, (), (), walls, (), 0)
 
 
-def walker(points, speed=1.5, start_s=0.0) -> Pedestrian:
+def pedestrian(points, speed=1.5, start_s=0.0) -> Pedestrian:
     """Walks along points given as metres ahead of the bumper at time 0 and metres to the left of the lane's middle."""
     places = tuple((FRONT_X + ahead, LANE_Y + left) for ahead, left in points)
     return Pedestrian(0, ADULT, Waypoints(places, speed, start_s))
@@ -31,12 +31,12 @@ def walker(points, speed=1.5, start_s=0.0) -> Pedestrian:
 
 def bystander() -> Pedestrian:
     """Far away for ever."""
-    return walker([(60, 9), (60, 10)], start_s=1e6)
+    return pedestrian([(60, 9), (60, 10)], start_s=1e6)
 
 
-def crossing_walker(ahead: float, meet_s: float, speed: float = 1.5) -> Pedestrian:
+def crossing_pedestrian(ahead: float, meet_s: float, speed: float = 1.5) -> Pedestrian:
     """Crosses from the right and is in the middle of the lane at ``meet_s``."""
-    return walker([(ahead, -6.0), (ahead, 6.0)], speed, meet_s - 6.0 / speed)
+    return pedestrian([(ahead, -6.0), (ahead, 6.0)], speed, meet_s - 6.0 / speed)
 
 
 def crossing_car(ahead: float, meet_s: float, speed: float = 5.0) -> Car:
@@ -45,14 +45,14 @@ def crossing_car(ahead: float, meet_s: float, speed: float = 5.0) -> Car:
     return Car(0, SEDAN, Route(path, speed, meet_s - 20.0 / speed))
 
 
-def scene(*actors, first=0.0, end=40.0, release=None, cruising=5.0, layout=None, clear_after_m=40.0):
+def scene(*actors, first=0.0, end=40.0, release=None, cruising_mps=5.0, layout=None, clear_after_m=40.0):
     """The first gap and the end lie so many metres ahead of the bumper at time 0; so does where actors are released."""
     release_x = None if release is None else FRONT_X + release
     return Scenario(
         name="pedestrian",
         trial=0,
         seed_key=(0, 0),
-        cruising=cruising,
+        cruising_mps=cruising_mps,
         layout=layout or hall(),
         actors=actors,
         lighting=Lighting(()),
@@ -72,7 +72,7 @@ class Scripted:
     def begin(self, scenario, seed_key):
         self.asked = []
 
-    def perceive(self, world, tick, combo):
+    def perceive(self, world, tick, sensor_set):
         self.asked.append(tick)
         boxes = self.table.get(tick, self.always)
         if boxes is None:
@@ -80,6 +80,6 @@ class Scripted:
         return Perceived(boxes, np.full(len(boxes), "Pedestrian"), np.ones(len(boxes)))
 
 
-def person_at(x: float, y: float) -> np.ndarray:
+def pedestrian_at(x: float, y: float) -> np.ndarray:
     """(1, 7) in the ego frame."""
     return np.array([[x, y, 0.9, 0.375, 0.375, 1.8, 0.0]])

@@ -21,7 +21,7 @@ seeds = st.integers(0, 2**32 - 1)
 EGO = np.array([0, 0, 0.75, 4.8, 1.9, 1.5, 0.0])
 
 
-def walker(x, y, heading=0.0):
+def pedestrian(x, y, heading=0.0):
     return np.array([x, y, 0.9, 0.375, 0.375, 1.8, heading])
 
 
@@ -63,16 +63,16 @@ def test_swept_interval_agrees_with_shapely_on_a_fine_grid_of_times(seed):
 
 
 def test_walking_into_the_front_at_a_known_moment():
-    """The bumper (2.4 m) meets a walker's near side (11.8125 m) at 10 m/s after 0.94125 s."""
+    """The bumper (2.4 m) meets a pedestrian's near side (11.8125 m) at 10 m/s after 0.94125 s."""
     times = np.arange(0, 1.5, 0.005)
-    contact = first_contact(times, moving(EGO, (10, 0), times), moving(walker(12, 0.3), (0, 0), times))
+    contact = first_contact(times, moving(EGO, (10, 0), times), moving(pedestrian(12, 0.3), (0, 0), times))
     assert contact.time_s == pytest.approx((12 - 0.1875 - 2.4) / 10, abs=1e-9)
     assert contact.front
 
 
-def test_a_walker_who_walks_into_the_side_is_met_by_the_side():
+def test_a_pedestrian_who_walks_into_the_side_is_met_by_the_side():
     times = np.arange(0, 1.5, 0.005)
-    contact = first_contact(times, moving(EGO, (1, 0), times), moving(walker(0.5, -2.0), (0, 1.5), times))
+    contact = first_contact(times, moving(EGO, (1, 0), times), moving(pedestrian(0.5, -2.0), (0, 1.5), times))
     assert contact.time_s == pytest.approx((2.0 - 0.95 - 0.1875) / 1.5, abs=1e-9)
     assert not contact.front
 
@@ -81,19 +81,19 @@ def test_a_walker_who_walks_into_the_side_is_met_by_the_side():
     ("x", "front"), [(2.2, True), (2.1 - 0.18, True), (2.1 - 0.19, False), (0.0, False), (-2.3, False)]
 )
 def test_the_front_is_the_first_30_cm(x, front):
-    """From 2.1 m on; a walker 0.375 m wide reaches 0.1875 m ahead of its centre."""
-    assert met_by_front(EGO, walker(x, 0.95 + 0.1875)) is front
+    """From 2.1 m on; a pedestrian 0.375 m wide reaches 0.1875 m ahead of its centre."""
+    assert met_by_front(EGO, pedestrian(x, 0.95 + 0.1875)) is front
 
 
 def test_the_front_turns_with_the_ego():
     turned = EGO.copy()
     turned[6] = np.pi / 2
-    assert met_by_front(turned, walker(0.0, 2.5))
-    assert not met_by_front(turned, walker(2.5, 0.0))
+    assert met_by_front(turned, pedestrian(0.0, 2.5))
+    assert not met_by_front(turned, pedestrian(2.5, 0.0))
 
 
 def test_a_corner_that_is_clipped_for_less_than_a_step_is_not_missed():
-    """At 20 m/s a step of 5 ms covers 0.1 m; the walker grazes the corner for 1 mm of it, between two samples."""
+    """At 20 m/s a step of 5 ms covers 0.1 m; the pedestrian grazes the corner for 1 mm of it, between two samples."""
     times = np.arange(0, 0.5, 0.005)
     ego = np.tile(EGO, (len(times), 1))
     thin = np.array([2.4 + 0.0005, -5.0237, 0.9, 0.001 + 1e-9, 0.002, 1.8, 0.0])
@@ -105,7 +105,7 @@ def test_a_corner_that_is_clipped_for_less_than_a_step_is_not_missed():
 
 def test_a_near_miss_is_no_contact():
     times = np.arange(0, 3, 0.005)
-    passing = moving(walker(20, 0.95 + 0.1875 + 0.01), (0, 0), times)
+    passing = moving(pedestrian(20, 0.95 + 0.1875 + 0.01), (0, 0), times)
     assert first_contact(times, moving(EGO, (10, 0), times), passing) is None
 
 
@@ -133,8 +133,8 @@ def test_first_contact_agrees_with_shapely_for_a_turning_car(seed):
 
 
 def test_time_to_collision_by_hand():
-    """7.4125 m between bumper and walker at 10 m/s; never when it moves away or passes aside; 0 in contact."""
-    others = np.array([walker(10, 0), walker(10, 0), walker(10, 3), walker(1, 0)])
+    """7.4125 m between bumper and pedestrian at 10 m/s; never when it moves away or passes aside; 0 in contact."""
+    others = np.array([pedestrian(10, 0), pedestrian(10, 0), pedestrian(10, 3), pedestrian(1, 0)])
     velocities = np.array([[-10, 0], [5, 0], [-10, 0], [-10, 0]], dtype=float)
     ttc = time_to_collision(np.tile(EGO, (4, 1)), others, velocities)
     assert ttc == pytest.approx([(10 - 0.1875 - 2.4) / 10, np.inf, np.inf, 0.0])

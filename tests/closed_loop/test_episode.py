@@ -13,7 +13,7 @@ from pcdet_avp.structures.sensor_set import SensorSet
 
 COMBO = SensorSet.parse("CL+CL")
 MAP = {"POINT_CLOUD_RANGE": [0.0, -30.08, -0.5, 44.8, 30.08, 3.5], "VOXEL_SIZE": [0.16, 0.16, 4.0]}
-HALF_WALKER, HALF_WIDTH = 0.375 / 2, 0.95
+HALF_PEDESTRIAN, HALF_WIDTH = 0.375 / 2, 0.95
 
 
 def drive(scenario, perceiver, **settings):
@@ -26,39 +26,39 @@ def oracle():
 
 class TestOutcomes:
     def test_crash_front(self, scenes):
-        """The bumper, at 5 m/s, meets a walker in the middle of the lane 20 m ahead: 4 s less half a walker."""
-        log = drive(scenes.scene(scenes.crossing_walker(20.0, 4.0)), Blind())
+        """The bumper, at 5 m/s, meets a pedestrian in the middle of the lane 20 m ahead: 4 s less half a pedestrian."""
+        log = drive(scenes.scene(scenes.crossing_pedestrian(20.0, 4.0)), Blind())
         assert (log.outcome, log.finished, log.crash_object) == ("front", True, 0)
-        assert log.crash_time_s == pytest.approx((20.0 - HALF_WALKER) / 5.0, abs=1e-6)
-        assert log.impact_speed == pytest.approx(5.0)
-        assert log.mean_speed == pytest.approx(5.0)
+        assert log.crash_time_s == pytest.approx((20.0 - HALF_PEDESTRIAN) / 5.0, abs=1e-6)
+        assert log.impact_speed_mps == pytest.approx(5.0)
+        assert log.mean_speed_mps == pytest.approx(5.0)
         assert (log.min_distance_m, log.first_detection_m) == (0.0, 0.0)
 
     def test_crash_side(self, scenes):
-        """A walker reaches the flank when the bumper is 2 m past: a side contact, and the drive goes on."""
-        reach_s = (HALF_WIDTH + HALF_WALKER) / 1.5
-        log = drive(scenes.scene(scenes.crossing_walker(18.0, 4.0 + reach_s)), Blind())
+        """A pedestrian reaches the flank when the bumper is 2 m past: a side contact, and the drive goes on."""
+        reach_s = (HALF_WIDTH + HALF_PEDESTRIAN) / 1.5
+        log = drive(scenes.scene(scenes.crossing_pedestrian(18.0, 4.0 + reach_s)), Blind())
         assert log.outcome == "side"
         assert log.crash_time_s == pytest.approx(4.0, abs=1e-6)
         assert log.positions[-1] > scenes.START_X + 30.0
 
     def test_stopped_in_time(self, scenes):
-        log = drive(scenes.scene(scenes.crossing_walker(20.0, 4.0)), oracle())
-        assert (log.outcome, log.crash_time_s, log.impact_speed) == ("none", None, 0.0)
+        log = drive(scenes.scene(scenes.crossing_pedestrian(20.0, 4.0)), oracle())
+        assert (log.outcome, log.crash_time_s, log.impact_speed_mps) == ("none", None, 0.0)
         assert log.finished
         assert log.min_distance_m > 0.5
         assert log.speeds.min() < 2.6
         assert log.false_brake_share == 0.0
 
-    def test_walker_passes_behind(self, scenes):
+    def test_pedestrian_passes_behind(self, scenes):
         """One second late: the tail has gone 0.2 m before."""
-        log = drive(scenes.scene(scenes.crossing_walker(20.0, 6.0)), Blind())
+        log = drive(scenes.scene(scenes.crossing_pedestrian(20.0, 6.0)), Blind())
         assert (log.outcome, log.finished) == ("none", True)
         assert 0.0 < log.min_distance_m < 2.0
 
-    def test_a_walker_who_walks_into_a_standing_car_is_not_run_over(self, scenes):
-        standing = scenes.walker([(-0.1, -6.0), (-0.1, 6.0)])
-        log = drive(scenes.scene(standing, cruising=0.05), Blind(), time_limit_s=8.0)
+    def test_a_pedestrian_who_walks_into_a_standing_car_is_not_run_over(self, scenes):
+        standing = scenes.pedestrian([(-0.1, -6.0), (-0.1, 6.0)])
+        log = drive(scenes.scene(standing, cruising_mps=0.05), Blind(), time_limit_s=8.0)
         assert (log.outcome, log.finished) == ("none", False)
 
     @pytest.mark.parametrize(("meet_s", "outcome"), [(4.0, "front"), (5.0, "side")])
@@ -69,7 +69,7 @@ class TestOutcomes:
 
     def test_the_literal_law_never_brakes(self, scenes):
         log = drive(
-            scenes.scene(scenes.crossing_walker(20.0, 4.0)),
+            scenes.scene(scenes.crossing_pedestrian(20.0, 4.0)),
             oracle(),
             dynamics=LongitudinalModel(literal_law=True),
         )
@@ -98,29 +98,29 @@ class TestTiming:
         assert np.flatnonzero(log.targets < 5.0).tolist() == list(range(11, 12 + hold))
 
     def test_a_held_detection_stays_where_it_was_made(self, scenes):
-        """At 5 m/s a walker 9 m ahead is 0.25 m nearer at the next tick: v* = 5 (9 - 3) / 9, then 5 (8.75 - 3) / 9."""
-        seen = {10: scenes.person_at(2.4 + 0.1875 + 9.0, 0.0)}
+        """At 5 m/s someone 9 m ahead is 0.25 m nearer at the next tick: v* = 5 (9 - 3) / 9, then 5 (8.75 - 3) / 9."""
+        seen = {10: scenes.pedestrian_at(2.4 + 0.1875 + 9.0, 0.0)}
         log = drive(scenes.scene(scenes.bystander()), scenes.Scripted(seen), hold_ticks=1)
         assert log.targets[11:13] == pytest.approx([5 * 6 / 9, 5 * 5.75 / 9])
 
     def test_detections_that_overlap_the_ego_are_dropped(self, scenes):
-        log = drive(scenes.scene(scenes.bystander()), scenes.Scripted(always=scenes.person_at(2.5, 0.0)))
+        log = drive(scenes.scene(scenes.bystander()), scenes.Scripted(always=scenes.pedestrian_at(2.5, 0.0)))
         assert log.targets.min() == 5.0
 
     def test_perception_sleeps_until_the_front_is_near_and_once_everybody_is_clear(self, scenes):
-        """The first gap lies 35.1 m ahead: awake when 20.1 m are driven, after 4.02 s. The walker is clear at 6 s."""
+        """The first gap lies 35.1 m ahead: awake when 20.1 m are driven, after 4.02 s. The road is clear at 6 s."""
         eye = scenes.Scripted()
-        away = scenes.walker([(0, 10), (0, 17)], speed=1.0)
+        away = scenes.pedestrian([(0, 10), (0, 17)], speed=1.0)
         log = drive(scenes.scene(away, first=35.1, clear_after_m=6.0), eye, keep_perceived=True)
         assert (eye.asked[0], eye.asked[-1]) == (81, 119)
         assert [k for k, seen in enumerate(log.perceived) if seen is not None] == eye.asked
         assert len(log.perceived) == len(log.times)
 
     @pytest.mark.parametrize("tick_s", [0.05, 0.04, 0.013])
-    def test_walkers_are_released_when_the_front_arrives_whatever_the_tick(self, scenes, tick_s):
-        """Released 10.1 m ahead, at 2.02 s, the walker comes to the flank 4 s later, when the bumper is at 30.1 m."""
-        reach_m = 6.0 - HALF_WIDTH - HALF_WALKER
-        crossing = scenes.walker(
+    def test_pedestrians_are_released_when_the_front_arrives_whatever_the_tick(self, scenes, tick_s):
+        """Released 10.1 m ahead, at 2.02 s, the pedestrian is at the flank 4 s later, when the bumper is at 30.1 m."""
+        reach_m = 6.0 - HALF_WIDTH - HALF_PEDESTRIAN
+        crossing = scenes.pedestrian(
             [(28.1, -6.0), (28.1, 6.0)],
             speed=reach_m / 4.0,
         )
@@ -141,16 +141,16 @@ class TestGauges:
         assert log.speeds[-1] == pytest.approx(2.5, abs=0.01)
 
     def test_limits_of_the_dynamics_show_in_the_log(self, scenes):
-        log = drive(scenes.scene(scenes.crossing_walker(12.0, 2.4), cruising=10.0), oracle())
-        assert 0 < log.hardest_deceleration <= 10.5
-        assert log.hardest_jerk <= 20.0 * (1 + 1e-6)
+        log = drive(scenes.scene(scenes.crossing_pedestrian(12.0, 2.4), cruising_mps=10.0), oracle())
+        assert 0 < log.hardest_deceleration_mps2 <= 10.5
+        assert log.hardest_jerk_mps3 <= 20.0 * (1 + 1e-6)
 
     def test_distance_of_the_first_detection(self, scenes):
-        """A walker who stands in the lane 25 m ahead of the bumper is found at tick 40, after 10 m."""
-        standing = scenes.walker([(25.0, 0.0), (25.0, 1.0)], start_s=99.0)
+        """A pedestrian who stands in the lane 25 m ahead of the bumper is found at tick 40, after 10 m."""
+        standing = scenes.pedestrian([(25.0, 0.0), (25.0, 1.0)], start_s=99.0)
         x = 25.0 - 10.0 + 2.4
-        log = drive(scenes.scene(standing), scenes.Scripted({40: scenes.person_at(x, 0.0)}))
-        assert log.first_detection_m == pytest.approx(15.0 - HALF_WALKER)
+        log = drive(scenes.scene(standing), scenes.Scripted({40: scenes.pedestrian_at(x, 0.0)}))
+        assert log.first_detection_m == pytest.approx(15.0 - HALF_PEDESTRIAN)
 
 
 @pytest.mark.parametrize(

@@ -55,7 +55,7 @@ def test_by_the_papers_law_it_is_run_episode(name, perceiver):
         np.testing.assert_array_equal(log.positions, expected.positions)
         np.testing.assert_array_equal(log.targets, expected.targets)
         crashed = name == "t_junction" and perceiver is not ORACLE
-        driven = log.mean_speed * (log.crash_time_s if crashed else len(log.times) * 0.05)
+        driven = log.mean_speed_mps * (log.crash_time_s if crashed else len(log.times) * 0.05)
         assert total == pytest.approx(driven - CRASH_COST * crashed)
 
 
@@ -92,7 +92,7 @@ def test_who_stands_still_is_cut_off_by_the_time_limit():
 
 @pytest.mark.parametrize("name", IDS)
 def test_gymnasium_has_no_complaint(name):
-    env = gymnasium.make(name, cruising=7.0)
+    env = gymnasium.make(name, cruising_mps=7.0)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", ".*symmetric and normalized space")  # ours is in m/s, for people

@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 
 from pcdet_avp.closed_loop.policy import (
     junction_target_speed,
+    pedestrian_distances,
+    pedestrians_target_speed,
     target_speed,
     target_speed_law,
-    walker_distances,
-    walkers_target_speed,
 )
 from pcdet_avp.sim.dynamics import LongitudinalState, drive
 from pcdet_avp.sim.scenarios.junction_map import JunctionMap, conflict_zone
@@ -22,7 +22,7 @@ seeds = st.integers(0, 2**32 - 1)
 NOBODY = np.zeros((0, 7))
 
 
-def walkers(*xy, size=0.375) -> np.ndarray:
+def pedestrians(*xy, size=0.375) -> np.ndarray:
     return np.array([[x, y, 0.9, size, size, 1.8, 0.0] for x, y in xy]).reshape(-1, 7)
 
 
@@ -61,44 +61,44 @@ class TestLaw:
 
 class TestDistances:
     def test_from_the_bumper_and_the_centre_line_to_the_nearest_point(self):
-        ahead, aside = walker_distances(walkers((10.0, -3.0)))
+        ahead, aside = pedestrian_distances(pedestrians((10.0, -3.0)))
         assert ahead == pytest.approx(10 - 0.1875 - 2.4)
         assert aside == pytest.approx(3 - 0.1875)
 
     def test_from_the_centre_if_asked(self):
-        assert walker_distances(walkers((10.0, 0.0)), from_bumper=False)[0] == pytest.approx(10 - 0.1875)
+        assert pedestrian_distances(pedestrians((10.0, 0.0)), from_bumper=False)[0] == pytest.approx(10 - 0.1875)
 
     def test_on_the_centre_line_there_is_no_lateral_distance(self):
-        assert walker_distances(walkers((10.0, 0.1), (10.0, -0.1)))[1].tolist() == [0.0, 0.0]
+        assert pedestrian_distances(pedestrians((10.0, 0.1), (10.0, -0.1)))[1].tolist() == [0.0, 0.0]
 
     def test_behind_the_bumper_is_ignored_and_beside_it_is_not(self):
-        ahead, _ = walker_distances(walkers((2.0, 1.5), (2.3, 1.5)))
+        ahead, _ = pedestrian_distances(pedestrians((2.0, 1.5), (2.3, 1.5)))
         assert ahead[0] == np.inf
         assert ahead[1] < 0
-        assert walkers_target_speed(walkers((2.0, 1.5)), 5.0) == 5.0
-        assert walkers_target_speed(walkers((2.3, 1.5)), 5.0) == 0.0
+        assert pedestrians_target_speed(pedestrians((2.0, 1.5)), 5.0) == 5.0
+        assert pedestrians_target_speed(pedestrians((2.3, 1.5)), 5.0) == 0.0
 
     @given(seeds)
     def test_a_turned_box_agrees_with_shapely(self, seed):
         rng = np.random.default_rng(seed)
         box = np.array([[rng.uniform(6, 20), rng.uniform(-5, 5), 0.9, *rng.uniform(0.3, 2, 3), rng.uniform(-4, 4)]])
         polygon = shapely.Polygon(bev_corners(box)[0])
-        ahead, aside = walker_distances(box)
+        ahead, aside = pedestrian_distances(box)
         assert aside[0] == pytest.approx(polygon.distance(shapely.LineString([(-99, 0), (99, 0)])), abs=1e-9)
         assert ahead[0] == pytest.approx(polygon.distance(shapely.LineString([(2.4, -99), (2.4, 99)])), abs=1e-9)
 
-    def test_the_slowest_walker_wins_and_nobody_means_cruising(self):
-        assert walkers_target_speed(NOBODY, 6.0) == 6.0
+    def test_the_slowest_pedestrian_wins_and_nobody_means_cruising(self):
+        assert pedestrians_target_speed(NOBODY, 6.0) == 6.0
         near, far = (2.4 + 0.1875 + 7.5, 0.0), (2.4 + 0.1875 + 10.0, 0.0)
-        assert walkers_target_speed(walkers(far, near), 6.0) == pytest.approx(3.0)
+        assert pedestrians_target_speed(pedestrians(far, near), 6.0) == pytest.approx(3.0)
 
 
-def gap_left(cruising: float, from_bumper: bool = True) -> float:
-    """Metres between the bumper and a walker who stands in the lane, after 20 s of driving with a tick of delay."""
-    state, delayed = LongitudinalState(-40.0, cruising), cruising
+def gap_left(cruising_mps: float, from_bumper: bool = True) -> float:
+    """Metres between the bumper and a pedestrian who stands in the lane, after 20 s of driving with a tick of delay."""
+    state, delayed = LongitudinalState(-40.0, cruising_mps), cruising_mps
     for _ in range(400):
-        ahead = walkers((2.4 + 0.1875 - state.position, 0.0))
-        wanted = walkers_target_speed(ahead, cruising, from_bumper)
+        ahead = pedestrians((2.4 + 0.1875 - state.position, 0.0))
+        wanted = pedestrians_target_speed(ahead, cruising_mps, from_bumper)
         state, delayed = drive(state, delayed, 0.05).end, wanted
     return -state.position
 
@@ -111,7 +111,7 @@ class TestLawOnTheRoad:
         assert gaps[-2] > 0.5
         assert gaps[-1] < 0
 
-    def test_from_the_centre_it_runs_into_a_standing_walker_at_8_mps(self):
+    def test_from_the_centre_it_runs_into_a_standing_pedestrian_at_8_mps(self):
         assert gap_left(8.0, from_bumper=False) < 0 < gap_left(5.0, from_bumper=False)
 
 
@@ -172,7 +172,7 @@ class TestJunction:
         vehicles = transform_boxes(map_from_ego.inverse(), car(-10.3, -20, UP))
         assert target_speed(NOBODY, vehicles, 9.0, map_from_ego, JUNCTION) == pytest.approx(6.0)
         assert target_speed(NOBODY, vehicles, 9.0, map_from_ego) == 9.0
-        close = walkers((2.4 + 0.1875 + 2.9, 0.0))
+        close = pedestrians((2.4 + 0.1875 + 2.9, 0.0))
         assert target_speed(close, vehicles, 9.0, map_from_ego, JUNCTION) == 0.0
 
 

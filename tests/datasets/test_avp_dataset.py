@@ -53,7 +53,7 @@ def test_the_mode_chooses_the_split_and_a_split_can_be_named(cfg, root):
     assert len(AvpDataset(elsewhere, CLASSES, root_path=root)) == 3
 
 
-def test_the_attributes_that_the_host_reads(cfg):
+def test_the_attributes_that_openpcdet_reads(cfg):
     dataset = AvpDataset(cfg, CLASSES)
     assert dataset.grid_size.tolist() == [70, 94, 1]
     assert dataset.point_cloud_range.tolist() == pytest.approx([0, -30.08, -0.5, 44.8, 30.08, 3.5])

@@ -161,10 +161,10 @@ def test_a_depth_map_is_resized_without_mixing(make_frame):
 
 
 def test_ground_truth_holds_what_is_in_range_and_wanted(make_frame):
-    boxes = prepare(make_frame(), ALL, CONFIG)["gt_boxes"]  # a car, a walker, and a car at x = 80
+    boxes = prepare(make_frame(), ALL, CONFIG)["gt_boxes"]  # a car, a pedestrian, and a car at x = 80
     np.testing.assert_allclose(boxes[:, [0, 1, 7]], [[12, 3, 1], [8, -4, 2]])
-    walkers = prepare(make_frame(), ALL, replace(CONFIG, class_names=("Pedestrian",)))["gt_boxes"]
-    np.testing.assert_allclose(walkers[:, [0, 1, 7]], [[8, -4, 1]])
+    pedestrians = prepare(make_frame(), ALL, replace(CONFIG, class_names=("Pedestrian",)))["gt_boxes"]
+    np.testing.assert_allclose(pedestrians[:, [0, 1, 7]], [[8, -4, 1]])
     assert prepare(make_frame(), ALL, replace(CONFIG, grid=BevGrid(0, -1, 0, 1, 1, 1, 1)))["gt_boxes"].shape == (0, 8)
 
 

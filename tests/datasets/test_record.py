@@ -35,7 +35,7 @@ def assert_same_frame(a: Frame, b: Frame):
     assert (a.frame_id, a.time_s) == (b.frame_id, b.time_s)
     assert_same_view(a.ego, b.ego)
     assert_same_view(a.infra, b.infra)
-    for name in ("boxes", "names", "object_ids", "visible_vertices", "hits"):
+    for name in ("boxes", "names", "object_ids", "visible_vertices", "hit_counts"):
         np.testing.assert_array_equal(getattr(a.labels, name), getattr(b.labels, name))
 
 

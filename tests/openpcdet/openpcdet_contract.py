@@ -1,10 +1,10 @@
 """OpenPCDet's side of the seam, written down: how it calls a registered class and what it reads from it.
 
-``test_host_contract.py`` holds our classes against this page every day, ``test_openpcdet.py`` holds this page
+``test_contract.py`` holds our classes against this page every day, ``test_openpcdet.py`` holds this page
 against a real checkout on demand. As of commit 8caccce (2024-04-17).
 """
 
-# Table -> keywords of the one call that the host makes to a class from it.
+# Table -> keywords of the one call that OpenPCDet makes to a class from it.
 CONSTRUCTORS = {
     "pcdet.datasets": {"dataset_cfg", "class_names", "root_path", "training", "logger"},
     "pcdet.models.detectors": {"model_cfg", "num_class", "dataset"},
@@ -20,7 +20,7 @@ CONSTRUCTORS = {
     "pcdet.models.backbones_2d.fuser": {"model_cfg"},
     "pcdet.models.backbones_2d": {"model_cfg", "input_channels"},
 }
-# File of the host and the name by which the call there finds the table.
+# File of OpenPCDet and the name by which the call there finds the table.
 CALL_SITES = {
     "pcdet.datasets": ("pcdet/datasets/__init__.py", "__all__"),
     "pcdet.models.detectors": ("pcdet/models/detectors/__init__.py", "__all__"),
@@ -29,7 +29,7 @@ CALL_SITES = {
     "pcdet.models.backbones_2d.fuser": ("pcdet/models/detectors/bevfusion.py", "fuser"),
     "pcdet.models.backbones_2d": ("pcdet/models/detectors/detector3d_template.py", "backbones_2d"),
 }
-# What the host reads from a data set that it has built.
+# What OpenPCDet reads from a data set that it has built.
 DATASET_ATTRIBUTES = {
     "class_names",
     "point_feature_encoder",
@@ -38,7 +38,7 @@ DATASET_ATTRIBUTES = {
     "voxel_size",
     "depth_downsample_factor",
 }
-# Methods, with the positional arguments and keywords of the host's calls.
+# Methods, with the positional arguments and keywords of OpenPCDet's calls.
 DATASET_METHODS = {
     "collate_batch": (1, set()),
     "generate_prediction_dicts": (3, {"output_path"}),
@@ -74,7 +74,7 @@ PREDICTION_KEYS = {"pred_boxes", "pred_scores", "pred_labels"}
 
 
 def leaf_parameters(module):
-    """The parameters that the host's optimiser gets: it flattens a network to modules without children."""
+    """The parameters that OpenPCDet's optimiser gets: it flattens a network to modules without children."""
     children = list(module.children())
     leaves = [leaf for child in children for leaf in leaf_parameters(child)]
     return leaves if children else list(module.parameters())

@@ -73,7 +73,7 @@ class Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 
 
 def nms(boxes, keep, threshold):
-    """Greedy, by falling score, as the host's operator: indices into ``keep``, their number returned."""
+    """Greedy, by falling score, as OpenPCDet's operator: indices into ``keep``, their number returned."""
     overlaps = bev_iou(boxes.detach().double().numpy(), boxes.detach().double().numpy())
     kept = []
     for i in range(len(boxes)):
@@ -100,10 +100,10 @@ def on_a_cpu():
 
 
 def install():
-    """Everything above. Must come before the host is imported."""
+    """Everything above. Must come before OpenPCDet is imported."""
     on_a_cpu()
     sys.meta_path.insert(0, Finder())
-    load = torch.load  # the host's checkpoints hold numpy numbers, which torch >= 2.6 refuses by default
+    load = torch.load  # OpenPCDet's checkpoints hold numpy numbers, which torch >= 2.6 refuses by default
     torch.load = lambda *args, **kwargs: load(*args, **{"weights_only": False, **kwargs})
 
 

@@ -1,4 +1,4 @@
-"""cfgs/openpcdet: ours, with what only the host reads."""
+"""cfgs/openpcdet: ours, with what only OpenPCDet reads."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from pcdet_avp.config import load_config, plain
-from pcdet_avp.openpcdet.config import host_config, host_yaml
+from pcdet_avp.openpcdet.config import openpcdet_config, openpcdet_yaml
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
 
 REPOSITORY = Path(__file__).parents[2]
@@ -14,7 +14,7 @@ NAMES = ("cp_tiny", "cp_small", "cp_full")
 
 
 def theirs(name):
-    """As the host reads it: plain safe YAML."""
+    """As OpenPCDet reads it: plain safe YAML."""
     return yaml.safe_load((REPOSITORY / "cfgs" / "openpcdet" / f"{name}.yaml").read_text())
 
 
@@ -25,9 +25,9 @@ def without(mapping, *keys):
 @pytest.mark.parametrize("name", NAMES)
 def test_the_files_are_what_the_tool_makes_of_ours(name):
     cfg = load_config(REPOSITORY / "cfgs" / "avp" / f"{name}.yaml")
-    assert theirs(name) == host_config(cfg)
+    assert theirs(name) == openpcdet_config(cfg)
     text = (REPOSITORY / "cfgs" / "openpcdet" / f"{name}.yaml").read_text()
-    assert text == host_yaml(cfg, f"cfgs/avp/{name}.yaml", f"{name}.yaml")
+    assert text == openpcdet_yaml(cfg, f"cfgs/avp/{name}.yaml", f"{name}.yaml")
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -47,10 +47,10 @@ def test_nothing_of_ours_is_changed_and_little_is_added(name):
 def test_the_combinations_that_ours_trains_with_are_kept():
     cfg = load_config(REPOSITORY / "cfgs" / "avp" / "cp_tiny.yaml")
     cfg.OPTIMIZATION.SENSOR_SETS = ["C+none", "C+C"]
-    assert host_config(cfg)["DATA_CONFIG"]["TRAIN_SENSOR_SETS"] == ["C+none", "C+C"]
+    assert openpcdet_config(cfg)["DATA_CONFIG"]["TRAIN_SENSOR_SETS"] == ["C+none", "C+C"]
 
 
 def test_data_elsewhere_keep_their_absolute_path(tmp_path):
     cfg = load_config(REPOSITORY / "cfgs" / "avp" / "cp_tiny.yaml")
     cfg.DATA_CONFIG.DATA_PATH = str(tmp_path)
-    assert host_config(cfg)["DATA_CONFIG"]["DATA_PATH"] == str(tmp_path)
+    assert openpcdet_config(cfg)["DATA_CONFIG"]["DATA_PATH"] == str(tmp_path)

@@ -13,7 +13,7 @@ from easydict import EasyDict
 
 from pcdet_avp.config import load_config
 from pcdet_avp.models.compression import BevCodec, NoCompression
-from pcdet_avp.openpcdet.config import host_config
+from pcdet_avp.openpcdet.config import openpcdet_config
 from pcdet_avp.plugin import our_classes
 from pcdet_avp.registry import FUSERS
 
@@ -39,48 +39,48 @@ def check_call(function, positional, keywords, bound=True):
 
 @pytest.fixture
 def cfg(tiny_data):
-    cfg = EasyDict(host_config(load_config(CFGS / "cp_tiny.yaml")))
+    cfg = EasyDict(openpcdet_config(load_config(CFGS / "cp_tiny.yaml")))
     cfg.DATA_CONFIG.DATA_PATH = str(tiny_data)
     return cfg
 
 
 @pytest.fixture
-def host_data(cfg):
-    """``host_data(training)``: our data set, built by the host's call."""
+def openpcdet_data(cfg):
+    """``openpcdet_data(training)``: our data set, built by OpenPCDet's call."""
 
     def build(training):
         cls = our_classes()["pcdet.datasets"]["AvpDataset"]
         arguments = {"dataset_cfg": cfg.DATA_CONFIG, "class_names": cfg.CLASS_NAMES, "root_path": None}
-        return cls(**arguments, training=training, logger=logging.getLogger("host"))
+        return cls(**arguments, training=training, logger=logging.getLogger("openpcdet"))
 
     return build
 
 
 def to_device(batch):
-    """What the host's load_data_to_gpu does, as the contract describes it."""
+    """What OpenPCDet's load_data_to_gpu does, as the contract describes it."""
     loaded = {}
     for key, value in batch.items():
         if not isinstance(value, np.ndarray) or key in contract.SPARED_KEYS:
             loaded[key] = value
         else:
-            assert key != "images", "the host would need kornia"
+            assert key != "images", "OpenPCDet would need kornia"
             loaded[key] = torch.from_numpy(value).int() if key == "image_shape" else torch.from_numpy(value).float()
     return loaded
 
 
 @pytest.mark.parametrize(("table", "cls"), CLASSES, ids=lambda value: getattr(value, "__name__", str(value)))
-def test_every_registered_class_takes_the_hosts_constructor_call(table, cls):
+def test_every_registered_class_takes_openpcdets_constructor_call(table, cls):
     check_call(cls, 0, contract.CONSTRUCTORS[table])
 
 
 def test_every_registered_class_can_be_found_by_its_name_in_another_process():
-    """The host's launchers start loader processes that unpickle classes by module and name."""
+    """OpenPCDet's launchers start loader processes that unpickle classes by module and name."""
     for _, cls in CLASSES:
         assert pickle.loads(pickle.dumps(cls)) is cls
 
 
-def test_the_data_set_has_the_methods_and_attributes_that_the_host_uses(host_data):
-    dataset = host_data(training=False)
+def test_the_data_set_has_the_methods_and_attributes_that_openpcdet_uses(openpcdet_data):
+    dataset = openpcdet_data(training=False)
     for name, call in contract.DATASET_METHODS.items():
         check_call(getattr(dataset, name), *call)
     assert all(hasattr(dataset, name) for name in contract.DATASET_ATTRIBUTES)
@@ -88,14 +88,14 @@ def test_the_data_set_has_the_methods_and_attributes_that_the_host_uses(host_dat
     assert dataset.grid_size.tolist() == [70, 94, 1]
 
 
-def test_the_detector_has_the_methods_that_the_host_uses():
+def test_the_detector_has_the_methods_that_openpcdet_uses():
     cls = our_classes()["pcdet.models.detectors"]["AvpCp"]
     for name, call in contract.DETECTOR_METHODS.items():
         check_call(getattr(cls, name), *call, bound=False)
 
 
-def test_one_step_and_one_evaluation_by_the_hosts_rules(host_data, cfg):
-    training = host_data(training=True)
+def test_one_step_and_one_evaluation_by_openpcdets_rules(openpcdet_data, cfg):
+    training = openpcdet_data(training=True)
     cls = our_classes()["pcdet.models.detectors"]["AvpCp"]
     network = cls(model_cfg=cfg.MODEL, num_class=2, dataset=training)
     batch = to_device(training.collate_batch([training[0], training[1]]))
@@ -104,7 +104,7 @@ def test_one_step_and_one_evaluation_by_the_hosts_rules(host_data, cfg):
     network.update_global_step()
     assert isinstance(terms, dict)
     assert isinstance(shown, dict)
-    test = host_data(training=False)
+    test = openpcdet_data(training=False)
     annotations = []
     for i in range(len(test)):
         batch = to_device(test.collate_batch([test[i]]))

@@ -1,4 +1,4 @@
-"""The data set under a host's loader."""
+"""The data set under OpenPCDet's loader."""
 
 from collections import Counter
 from pathlib import Path
@@ -10,7 +10,7 @@ from torch.utils.data import DataLoader
 from pcdet_avp.config import load_config
 from pcdet_avp.datasets.avp.avp_dataset import AvpDataset
 from pcdet_avp.errors import RecordError, SensorError
-from pcdet_avp.openpcdet.dataset import HostAvpDataset, find_data
+from pcdet_avp.openpcdet.dataset import OpenPCDetAvpDataset, find_data
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
 
 CFG = Path(__file__).parents[2] / "cfgs" / "dataset_configs" / "avp_tiny.yaml"
@@ -22,7 +22,7 @@ def build(tiny_data):
     def build(training=True, **changes):
         cfg = load_config(CFG)
         cfg.update({"DATA_PATH": str(tiny_data), **changes})
-        return HostAvpDataset(dataset_cfg=cfg, class_names=NAMES, root_path=None, training=training, logger=None)
+        return OpenPCDetAvpDataset(dataset_cfg=cfg, class_names=NAMES, root_path=None, training=training, logger=None)
 
     return build
 
@@ -73,7 +73,7 @@ def test_the_egos_images_travel_channels_first_under_a_name_of_their_own(build):
 
 @pytest.mark.slow
 def test_a_spawned_worker_loads_the_data_set(build):
-    """The host's distributed launchers switch to spawned processes."""
+    """OpenPCDet's distributed launchers switch to spawned processes."""
     dataset = build(training=False)
     arguments = {"num_workers": 1, "collate_fn": dataset.collate_batch, "multiprocessing_context": "spawn"}
     batches = list(DataLoader(dataset, batch_size=2, **arguments))

@@ -1,4 +1,4 @@
-"""Our detector as one of the host's several processes, which expects a gradient from every parameter."""
+"""Our detector as one of OpenPCDet's several processes, which expects a gradient from every parameter."""
 
 from pathlib import Path
 
@@ -10,8 +10,8 @@ from torch.nn.parallel import DistributedDataParallel
 from pcdet_avp.config import load_config
 from pcdet_avp.datasets.avp.collate import load_batch
 from pcdet_avp.models.detectors.avp_cp import AvpCp
-from pcdet_avp.openpcdet.dataset import HostAvpDataset
-from pcdet_avp.openpcdet.detector import HostAvpCp
+from pcdet_avp.openpcdet.dataset import OpenPCDetAvpDataset
+from pcdet_avp.openpcdet.detector import OpenPCDetAvpCp
 
 CFG = Path(__file__).parents[2] / "cfgs" / "avp" / "cp_tiny.yaml"
 
@@ -30,7 +30,7 @@ def build(tiny_data):
         """The detector, and a batch without LiDARs and roadside."""
         cfg = load_config(CFG)
         cfg.DATA_CONFIG.update(DATA_PATH=str(tiny_data), SENSOR_SET="C+none")
-        dataset = HostAvpDataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=True)
+        dataset = OpenPCDetAvpDataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=True)
         torch.manual_seed(0)
         batch = load_batch(dataset.collate_batch([dataset[0]]), "cpu")
         batch["images"] = batch["images_ego"]
@@ -46,8 +46,8 @@ def steps(network, batch, count=2):
         parallel(dict(batch))[0]["loss"].backward()
 
 
-def test_without_lidar_the_hosts_processes_go_on(process_group, build):
-    network, batch = build(HostAvpCp)
+def test_without_lidar_openpcdets_processes_go_on(process_group, build):
+    network, batch = build(OpenPCDetAvpCp)
     steps(network, batch)
     absent = network.encoders["ego_lidar"].vfe.pfn_layers[0].linear.weight.grad
     assert absent is not None
@@ -61,6 +61,6 @@ def test_ours_as_it_is_would_stop_them(process_group, build):
 
 
 def test_alone_an_absent_sensor_has_no_gradient_at_all(build):
-    network, batch = build(HostAvpCp)
+    network, batch = build(OpenPCDetAvpCp)
     network.train()(batch)[0]["loss"].backward()
     assert network.encoders["ego_lidar"].vfe.pfn_layers[0].linear.weight.grad is None

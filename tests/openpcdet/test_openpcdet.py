@@ -1,4 +1,4 @@
-"""Against a real OpenPCDet: set OPENPCDET_ROOT to a checkout, then ``pytest -m slow tests/openpcdet/test_openpcdet.py``.
+"""Against a real OpenPCDet: set OPENPCDET_ROOT to a checkout, then run pytest -m slow on this file.
 
 The checkout is copied first; what it needs and this machine lacks is replaced by ``openpcdet_shims.py``.
 """
@@ -32,7 +32,7 @@ pytestmark = [
     pytest.mark.skipif(not ROOT, reason="set OPENPCDET_ROOT to a checkout of OpenPCDet"),
 ]
 CONFIG = "cfgs/openpcdet/cp_tiny.yaml"
-# Four frames are few: the host's schedule divides by zero where PCT_START of all iterations is less than one.
+# Four frames are few: OpenPCDet's schedule divides by zero where PCT_START of all iterations is less than one.
 SHORT = ("--batch_size", 1)
 SHORT_SCHEDULE = ("OPTIMIZATION.PCT_START", 0.5)
 
@@ -48,15 +48,15 @@ contract = load_neighbour("openpcdet_contract")
 
 
 @pytest.fixture(scope="module")
-def host(tmp_path_factory):
+def openpcdet(tmp_path_factory):
     """A copy of the checkout, whose scripts write beside it."""
-    copy = tmp_path_factory.mktemp("host") / "OpenPCDet"
+    copy = tmp_path_factory.mktemp("openpcdet") / "OpenPCDet"
     for name in ("pcdet", "tools"):
         shutil.copytree(Path(ROOT) / name, copy / name)
     return copy
 
 
-def run(host, *words):
+def run(openpcdet, *words):
     environment = {**os.environ, "PYTHONPATH": f"{REPOSITORY}{os.pathsep}{HERE}", "OMP_NUM_THREADS": "1"}
     command = [sys.executable, *map(str, words)]
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=REPOSITORY, env=environment)
@@ -64,25 +64,29 @@ def run(host, *words):
     return done.stdout, done.stderr
 
 
-def run_script(host, script, *words, data, overrides=()):
-    """One of the host's scripts through our runner; what it said."""
-    runner = (HERE / "openpcdet_shims.py", "-m", "pcdet_avp.plugin", host / "tools" / script)
+def run_script(openpcdet, script, *words, data, overrides=()):
+    """One of OpenPCDet's scripts through our runner; what it said."""
+    runner = (HERE / "openpcdet_shims.py", "-m", "pcdet_avp.plugin", openpcdet / "tools" / script)
     overrides = ("DATA_CONFIG.DATA_PATH", data, *SHORT_SCHEDULE, *overrides)
-    return "".join(run(host, *runner, *words, "--workers", 0, "--set", *overrides))
+    return "".join(run(openpcdet, *runner, *words, "--workers", 0, "--set", *overrides))
 
 
-def run_code(host, code, **values):
-    """Python with the shims installed, the host importable and ``values`` defined; the JSON of its last line."""
-    lines = ["import json, sys, openpcdet_shims", "openpcdet_shims.install()", f"sys.path.insert(0, {str(host)!r})"]
+def run_code(openpcdet, code, **values):
+    """Python with the shims installed, OpenPCDet importable and ``values`` defined; the JSON of its last line."""
+    lines = [
+        "import json, sys, openpcdet_shims",
+        "openpcdet_shims.install()",
+        f"sys.path.insert(0, {str(openpcdet)!r})",
+    ]
     lines += [f"{name} = {str(value)!r}" for name, value in values.items()]
-    return json.loads(run(host, "-c", "\n".join([*lines, code]))[0].splitlines()[-1])
+    return json.loads(run(openpcdet, "-c", "\n".join([*lines, code]))[0].splitlines()[-1])
 
 
 @pytest.fixture(scope="module")
-def trained(host, tiny_data):
-    """What the host's train.py said, and its folder of the run: one epoch and the evaluation after it."""
-    said = run_script(host, "train.py", "--cfg_file", CONFIG, "--epochs", 1, *SHORT, data=tiny_data)
-    return said, host / "output" / "openpcdet" / "cp_tiny" / "default"
+def trained(openpcdet, tiny_data):
+    """What OpenPCDet's train.py said, and its folder of the run: one epoch and the evaluation after it."""
+    said = run_script(openpcdet, "train.py", "--cfg_file", CONFIG, "--epochs", 1, *SHORT, data=tiny_data)
+    return said, openpcdet / "output" / "openpcdet" / "cp_tiny" / "default"
 
 
 def keywords_of_calls(source, table):
@@ -94,15 +98,15 @@ def keywords_of_calls(source, table):
 
 
 @pytest.mark.parametrize("table", contract.CONSTRUCTORS)
-def test_the_written_description_is_the_hosts(table):
+def test_the_written_description_is_openpcdets(table):
     file, name = contract.CALL_SITES[table]
     calls = list(keywords_of_calls((Path(ROOT) / file).read_text(), name))
     assert calls == [contract.CONSTRUCTORS[table]]
 
 
-def test_the_hosts_own_functions_build_our_data_set_and_network(host, tiny_data):
+def test_openpcdets_own_functions_build_our_data_set_and_network(openpcdet, tiny_data):
     built = run_code(
-        host,
+        openpcdet,
         """
 from pcdet_avp.plugin import register
 register(); register()
@@ -120,11 +124,11 @@ print(json.dumps([*names, len(dataset), int(network.global_step), loss.item()]))
         config=REPOSITORY / CONFIG,
         data=tiny_data,
     )
-    assert built[:4] == ["HostAvpDataset", "HostAvpCp", 4, 1]
+    assert built[:4] == ["OpenPCDetAvpDataset", "OpenPCDetAvpCp", 4, 1]
     assert np.isfinite(built[4])
 
 
-def test_one_epoch_by_the_hosts_training_script(trained):
+def test_one_epoch_by_openpcdets_training_script(trained):
     said, run = trained
     assert "End training openpcdet/cp_tiny(default)" in said
     content = read_checkpoint(run / "ckpt" / "checkpoint_epoch_1.pth")
@@ -143,20 +147,20 @@ def test_the_evaluation_at_its_end_counts_our_objects(trained):
     assert annotations[0]["boxes_lidar"].shape[1] == 7
 
 
-def test_the_hosts_test_script_evaluates_with_other_sensors(host, trained, tiny_data):
+def test_openpcdets_test_script_evaluates_with_other_sensors(openpcdet, trained, tiny_data):
     checkpoint = trained[1] / "ckpt" / "checkpoint_epoch_1.pth"
     words = ("--cfg_file", CONFIG, "--ckpt", checkpoint, "--save_to_file", "--eval_tag", "alone")
-    said = run_script(host, "test.py", *words, data=tiny_data, overrides=("DATA_CONFIG.SENSOR_SET", "C+none"))
+    said = run_script(openpcdet, "test.py", *words, data=tiny_data, overrides=("DATA_CONFIG.SENSOR_SET", "C+none"))
     assert "Evaluation done" in said
     folder = trained[1] / "eval" / "epoch_1" / "test" / "alone"
     assert (folder / "result.pkl").exists()
     assert len(list((folder / "final_result" / "data").glob("*.txt"))) == 1
 
 
-def test_the_hosts_checkpoint_goes_on_in_its_own_training(host, trained, tiny_data):
+def test_openpcdets_checkpoint_goes_on_in_its_own_training(openpcdet, trained, tiny_data):
     words = ("--cfg_file", CONFIG, "--epochs", 2, "--extra_tag", "longer", *SHORT)
     said = run_script(
-        host, "train.py", *words, "--ckpt", trained[1] / "ckpt" / "checkpoint_epoch_1.pth", data=tiny_data
+        openpcdet, "train.py", *words, "--ckpt", trained[1] / "ckpt" / "checkpoint_epoch_1.pth", data=tiny_data
     )
     assert "loaded 147 of 147 tensors" in said
     content = read_checkpoint(trained[1].parent / "longer" / "ckpt" / "checkpoint_epoch_2.pth")
@@ -164,7 +168,7 @@ def test_the_hosts_checkpoint_goes_on_in_its_own_training(host, trained, tiny_da
 
 
 def pointpillar_config(backbone):
-    """The host's PointPillar and head on our data, with our pillars and a backbone of ours."""
+    """OpenPCDet's PointPillar and head on our data, with our pillars and a backbone of ours."""
     cfg = yaml.safe_load((REPOSITORY / CONFIG).read_text())
     anchors = [
         {**anchor, "anchor_rotations": [0, 1.57], "feature_map_stride": 1}
@@ -194,20 +198,20 @@ BACKBONES = {
 
 
 @pytest.mark.parametrize("name", BACKBONES)
-def test_our_pieces_train_in_the_hosts_pointpillar(host, tiny_data, tmp_path, name):
-    """One epoch and the evaluation; the host's optimiser moved every weight of ours that has a gradient."""
+def test_our_pieces_train_in_openpcdets_pointpillar(openpcdet, tiny_data, tmp_path, name):
+    """One epoch and the evaluation; OpenPCDet's optimiser moved every weight of ours that has a gradient."""
     config = tmp_path / f"{name}.yaml"
     config.write_text(yaml.safe_dump(pointpillar_config(BACKBONES[name])))
-    said = run_script(host, "train.py", "--cfg_file", config, "--epochs", 2, *SHORT, data=tiny_data)
+    said = run_script(openpcdet, "train.py", "--cfg_file", config, "--epochs", 2, *SHORT, data=tiny_data)
     assert "Evaluation done" in said
-    folder = next((host / "output").rglob(f"{name}/default/ckpt"))
+    folder = next((openpcdet / "output").rglob(f"{name}/default/ckpt"))
     first, second = (read_checkpoint(folder / f"checkpoint_epoch_{n}.pth")["model_state"] for n in (1, 2))
     ours = [key for key in first if key.startswith(("vfe.", "backbone_2d.")) and first[key].is_floating_point()]
     assert any(key.startswith(("backbone_2d.attention.", "backbone_2d.codec.")) for key in ours)
     assert [key for key in ours if torch.equal(first[key], second[key])] == []
 
 
-HOST_SIDE = """
+OPENPCDET_SIDE = """
 import numpy as np, torch
 from types import SimpleNamespace
 from torch import nn
@@ -230,9 +234,9 @@ for module in network.modules():
             nn.init.uniform_(tensor, 0.5, 2.0)
         for tensor in (module.bias, module.running_mean):
             nn.init.normal_(tensor, 0.0, 0.3)
-optimizer_state = {"lr": np.float64(0.003)}  # what the host's checkpoints hold since its rates come from np.cos
+optimizer_state = {"lr": np.float64(0.003)}  # what OpenPCDet's checkpoints hold since its rates come from np.cos
 state = {"model_state": network.state_dict(), "optimizer_state": optimizer_state, "epoch": 80, "it": 1}
-torch.save(state, folder + "/host.pth", _use_new_zipfile_serialization=False)
+torch.save(state, folder + "/openpcdet.pth", _use_new_zipfile_serialization=False)
 rng = np.random.default_rng(0)
 cells = np.stack(np.unravel_index(rng.choice(376 * 280, 300, replace=False), (376, 280)), 1)  # rows, columns
 counts = rng.integers(1, 33, 300)
@@ -250,13 +254,13 @@ with torch.no_grad():
     canvas[0, :, cells[:, 0], cells[:, 1]] = features.T
     maps = network.backbone_2d({"spatial_features": canvas.clone()})["spatial_features_2d"]
 points = np.concatenate([v[:n] for v, n in zip(voxels, counts)])
-np.savez(folder + "/host.npz", points=points, cells=cells, features=features, maps=maps)
+np.savez(folder + "/openpcdet.npz", points=points, cells=cells, features=features, maps=maps)
 import logging
 from pcdet_avp.plugin import register
 register()
 cfg.MODEL.BACKBONE_2D.NAME = "DeformableAttentionBackbone"
 wrapped = build_network(cfg.MODEL, 3, dataset).eval()
-wrapped.load_params_from_file(folder + "/host.pth", logging.getLogger("host"))
+wrapped.load_params_from_file(folder + "/openpcdet.pth", logging.getLogger("openpcdet"))
 with torch.no_grad():
     same = wrapped.backbone_2d({"spatial_features": canvas})["spatial_features_2d"]
 parameters = sum(p.numel() for p in network.parameters())
@@ -264,9 +268,9 @@ print(json.dumps([len(state["model_state"]), parameters, float((same - maps).abs
 """
 
 
-def test_a_real_pointpillar_and_ours_with_its_weights_agree(host, tmp_path):
-    """KITTI's PointPillar of the host's own configuration, with random weights and statistics; 300 pillars."""
-    tensors, parameters, change = run_code(host, HOST_SIDE, tools=host / "tools", folder=tmp_path)
+def test_a_real_pointpillar_and_ours_with_its_weights_agree(openpcdet, tmp_path):
+    """KITTI's PointPillar of OpenPCDet's own configuration, with random weights and statistics; 300 pillars."""
+    tensors, parameters, change = run_code(openpcdet, OPENPCDET_SIDE, tools=openpcdet / "tools", folder=tmp_path)
     assert (tensors, parameters) == (127, 4_834_888)
     assert change < 1e-4  # its own loader puts the weights behind our attention, which starts as nothing
     cfg = load_config(REPOSITORY / "cfgs" / "avp" / "ablations" / "from_openpcdet.yaml")
@@ -275,8 +279,8 @@ def test_a_real_pointpillar_and_ours_with_its_weights_agree(host, tmp_path):
     encoding = SimpleNamespace(num_point_features=4)
     dataset = SimpleNamespace(class_names=cfg.CLASS_NAMES, point_feature_encoder=encoding, **geometry)
     network = build_network(cfg.MODEL, 2, dataset).eval()
-    network.load_params_from_file(tmp_path / "host.pth", logging.getLogger("host"), to_cpu=True)
-    theirs = np.load(tmp_path / "host.npz")
+    network.load_params_from_file(tmp_path / "openpcdet.pth", logging.getLogger("openpcdet"), to_cpu=True)
+    theirs = np.load(tmp_path / "openpcdet.npz")
     points = torch.from_numpy(theirs["points"]) + torch.tensor([0.0, 0.0, 1.73, 0.0])
     encoder = network.encoders["ego_lidar"]
     with torch.no_grad():

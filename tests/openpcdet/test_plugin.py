@@ -16,7 +16,7 @@ TABLES = list(our_classes())
 
 @pytest.fixture
 def tables(monkeypatch):
-    """A package ``pcdet`` with tables that hold what the host's own hold."""
+    """A package ``pcdet`` with tables that hold what OpenPCDet's own hold."""
     for name in {".".join(table.split(".")[: i + 1]) for table in TABLES for i in range(len(table.split(".")))}:
         module = types.ModuleType(name)
         module.__path__ = []
@@ -31,7 +31,7 @@ def test_all_classes_are_entered_and_twice_is_once(tables):
     before = {table: dict(content) for table, content in tables.items()}
     assert register() == first
     assert before == tables
-    assert tables["pcdet.datasets"]["AvpDataset"].__name__ == "HostAvpDataset"
+    assert tables["pcdet.datasets"]["AvpDataset"].__name__ == "OpenPCDetAvpDataset"
     assert tables["pcdet.models.backbones_2d"]["BaseBEVBackbone"] is dict
     assert sum(len(names) for names in first.values()) == 11
 
@@ -50,7 +50,7 @@ def test_a_table_that_is_none_is_not_taken_for_openpcdet(tables):
         register()
 
 
-def test_a_host_that_cannot_be_imported_says_which_part_is_missing(tables, monkeypatch):
+def test_an_openpcdet_that_cannot_be_imported_says_which_part_is_missing(tables, monkeypatch):
     monkeypatch.delitem(sys.modules, "pcdet.models.detectors")
     with pytest.raises(PluginError, match=r"OpenPCDet cannot be imported: .*'pcdet\.models\.detectors'"):
         register()

@@ -26,20 +26,20 @@ def test_a_turning_car_fills_its_label_box():
         np.testing.assert_allclose(vertices.max(0), [half[0], half[1], car.spec.height], atol=1e-3)
 
 
-def test_a_walkers_box_is_the_capsule_while_the_legs_swing():
-    walker = Pedestrian(5, draw_pedestrian(np.random.default_rng(1), "adult"), Pacing(-9, -3, -9, 3, 1.5))
-    reach = [np.ptp(local_vertices(walker, t)[:, 0]) for t in np.arange(0, 1.4, 0.1)]
+def test_a_pedestrians_box_is_the_capsule_while_the_legs_swing():
+    pedestrian = Pedestrian(5, draw_pedestrian(np.random.default_rng(1), "adult"), Pacing(-9, -3, -9, 3, 1.5))
+    reach = [np.ptp(local_vertices(pedestrian, t)[:, 0]) for t in np.arange(0, 1.4, 0.1)]
     assert max(reach) > min(reach) + 0.2
-    boxes = np.array([box_at(walker, t) for t in (0.0, 0.4, 1.0)])
+    boxes = np.array([box_at(pedestrian, t) for t in (0.0, 0.4, 1.0)])
     assert boxes[:, 3:5] == pytest.approx(0.375)
     assert boxes[:, 1] == pytest.approx([-3.0, -2.4, -1.5])
-    assert boxes[:, 2] == pytest.approx(walker.spec.height / 2)
+    assert boxes[:, 2] == pytest.approx(pedestrian.spec.height / 2)
 
 
-def test_a_waiting_walker_is_released():
-    walker = Pedestrian(0, draw_pedestrian(np.random.default_rng(1)), Pacing(0, -3, 0, 3, 1.5, start_s=np.inf))
-    assert box_at(walker, 100.0)[1] == pytest.approx(-3.0)
-    assert box_at(released(walker, 100.0), 101.0)[1] == pytest.approx(-1.5)
+def test_a_waiting_pedestrian_is_released():
+    pedestrian = Pedestrian(0, draw_pedestrian(np.random.default_rng(1)), Pacing(0, -3, 0, 3, 1.5, start_s=np.inf))
+    assert box_at(pedestrian, 100.0)[1] == pytest.approx(-3.0)
+    assert box_at(released(pedestrian, 100.0), 101.0)[1] == pytest.approx(-1.5)
 
 
 def test_only_standing_ones_belong_to_what_is_built_once():

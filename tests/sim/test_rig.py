@@ -143,8 +143,8 @@ def test_hits_count_what_was_rendered_and_swept(frame):
     ):
         cars = frame.labels.names == "Car"
         counted = np.array([points_in_box(view.points, box, margin=0.01).sum() for box in boxes[cars]])
-        assert (counted >= frame.labels.hits[cars, column]).all()  # tyres' floor points may add to the count
-        assert frame.labels.hits[cars, column].sum() > 0.9 * counted.sum()
+        assert (counted >= frame.labels.hit_counts[cars, column]).all()  # tyres' floor points may add to the count
+        assert frame.labels.hit_counts[cars, column].sum() > 0.9 * counted.sum()
 
 
 def test_a_sensor_does_not_depend_on_which_others_are_captured(frame, world, rig):

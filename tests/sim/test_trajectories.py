@@ -64,11 +64,11 @@ def test_a_route_moves_where_it_heads_at_its_speed(speed, radius, angle, left, s
 
 def test_pacing_by_hand():
     """Between y = -3 and y = 3 at 1.5 m/s: four seconds one way."""
-    walker = Pacing(7.0, -3.0, 7.0, 3.0, speed=1.5, start_s=1.0)
+    pedestrian = Pacing(7.0, -3.0, 7.0, 3.0, speed=1.5, start_s=1.0)
     for time_s, y, yaw in ((0.0, -3, QUARTER), (3.0, 0, QUARTER), (4.9, 2.85, QUARTER), (7.0, 0, -QUARTER)):
-        motion = walker.at(time_s)
+        motion = pedestrian.at(time_s)
         assert (motion.x, motion.y) == pytest.approx((7.0, y))
         assert np.cos(motion.yaw - yaw) == pytest.approx(1.0)
-    assert walker.at(0.5).speed == 0.0
-    assert walker.at(9.5).distance == pytest.approx(12.75)
-    assert walker.at(9.5).y == pytest.approx(-2.25), "on the second way there"
+    assert pedestrian.at(0.5).speed == 0.0
+    assert pedestrian.at(9.5).distance == pytest.approx(12.75)
+    assert pedestrian.at(9.5).y == pytest.approx(-2.25), "on the second way there"

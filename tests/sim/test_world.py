@@ -17,7 +17,7 @@ DOWN = np.array([[0.0, 0.0, -1.0]])
 
 @pytest.fixture
 def world():
-    """A parked car (7), a car that drives at 2 m/s from x = -30 (2), and a walker who waits at x = -20 (4)."""
+    """A parked car (7), a car that drives at 2 m/s from x = -30 (2), and a pedestrian who waits at x = -20 (4)."""
     rng = np.random.default_rng(0)
     layout = draw_layout(rng)
     actors = [
@@ -74,7 +74,7 @@ def test_going_back_in_time_gives_the_same_scene(world):
     np.testing.assert_array_equal(world.moving_scene().mesh.vertices, before)
 
 
-def test_a_walker_sets_off_when_released(world):
+def test_a_pedestrian_sets_off_when_released(world):
     world.advance_to(4.0)
     world.ego_tracer()
     world.release(4, 4.0)

@@ -15,7 +15,7 @@ def labels(n=9, **changes):
         "names": np.array(["Car", "Pedestrian"] * n)[:n],
         "object_ids": np.arange(n),
         "visible_vertices": np.arange(n) % 9,
-        "hits": np.zeros((n, 4), int),
+        "hit_counts": np.zeros((n, 4), int),
     }
     return Labels(**(fields | changes))
 
@@ -43,7 +43,7 @@ def test_no_labels_are_labels():
     ("changes", "message"),
     [
         ({"names": np.array(["Car"])}, "labels.names: expected 9 rows, found 1"),
-        ({"hits": np.zeros((9, 3), int)}, r"labels.hits: expected shape \(9, 4\)"),
+        ({"hit_counts": np.zeros((9, 3), int)}, r"labels.hit_counts: expected shape \(9, 4\)"),
         ({"names": np.array(["Truck"] * 9)}, "unknown classes.*Truck.*Car"),
         ({"boxes": np.zeros((9, 7))}, "labels.boxes.*positive"),
     ],

@@ -19,11 +19,11 @@ def run(load_tool, monkeypatch, ckpt, out):
     load_tool("import_openpcdet").main()
 
 
-def test_a_hosts_file_becomes_one_of_ours_with_a_report(load_tool, monkeypatch, tmp_path, capsys):
+def test_openpcdets_file_becomes_one_of_ours_with_a_report(load_tool, monkeypatch, tmp_path, capsys):
     weight = torch.randn(16, 10)
     state = {"vfe.pfn_layers.0.linear.weight": weight, "dense_head.conv_box.bias": torch.zeros(7)}
-    torch.save({"model_state": state, "epoch": 80}, tmp_path / "host.pth")
-    run(load_tool, monkeypatch, tmp_path / "host.pth", tmp_path / "ours.pth")
+    torch.save({"model_state": state, "epoch": 80}, tmp_path / "openpcdet.pth")
+    run(load_tool, monkeypatch, tmp_path / "openpcdet.pth", tmp_path / "ours.pth")
     said = capsys.readouterr().out
     assert "loaded 1 tensors of OpenPCDet's into 2 of ours" in said
     assert "dense_head.conv_box.bias (7,) here (21,)" in said

@@ -43,7 +43,7 @@ def test_an_episode_over_a_lossy_link_that_is_cut(drive, ckpt):
     with (folder / "episodes.csv").open() as file:
         (row,) = [row for row in csv.DictReader(file) if row["perception"] == "model"]
     assert row["outcome"] != "none"  # nothing was detected, so nobody braked
-    assert float(row["mean_speed"]) == pytest.approx(9.0)
+    assert float(row["mean_speed_mps"]) == pytest.approx(9.0)
     assert 5 < int(row["messages"]) < 47  # some tick of the first 2 s was the last, and maps are held for 300 ms
     assert 500 < float(row["message_bytes"]) < 10_000
     assert 0.05 <= float(row["message_age_s"]) < 0.2  # a tick at least

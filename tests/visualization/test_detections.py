@@ -7,8 +7,9 @@ from pcdet_avp.structures.bev_grid import BevGrid
 from pcdet_avp.structures.camera import PinholeCamera
 from pcdet_avp.structures.frame import AgentView, Frame
 from pcdet_avp.structures.pose import Pose
-from pcdet_avp.visualization.detections import CLASS_COLORS, bev_panel, class_colors, comparison
+from pcdet_avp.visualization.detections import bev_panel, class_colors, comparison
 from pcdet_avp.visualization.draw import camera_panel
+from pcdet_avp.visualization.palette import CLASS_COLORS
 
 GRID = BevGrid(0.0, -20.0, -0.5, 40.0, 20.0, 3.5, 0.5)
 CAMERA = PinholeCamera.looking_ahead(160, 90, np.pi / 2, 0.0, 1.8, 0.0)

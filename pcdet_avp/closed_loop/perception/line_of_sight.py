@@ -34,13 +34,13 @@ class LineOfSight:
     def begin(self, scenario: Scenario, seed_key: Sequence[int]) -> None:
         self._sought = tuple(threat.object_id for threat in scenario.threats)
 
-    def perceive(self, world: World, tick: int, combo: SensorSet) -> Perceived:
+    def perceive(self, world: World, tick: int, sensor_set: SensorSet) -> Perceived:
         users = world.road_users()
         rows = np.flatnonzero(np.isin(users.object_ids, self._sought))
         boxes, names = transform_boxes(world.world_from_ego.inverse(), users.boxes[rows]), users.names[rows]
         inside = self._grid.contains_bev(boxes)
         verdicts = [
-            self._sight(world, int(number), combo) if near else None
+            self._sight(world, int(number), sensor_set) if near else None
             for number, near in zip(users.object_ids[rows], inside, strict=True)
         ]
         seen = np.array([verdict is True for verdict in verdicts], bool)
@@ -48,21 +48,21 @@ class LineOfSight:
         missed = Missed(boxes[~seen], names[~seen], outside[~seen])
         return Perceived(boxes[seen], names[seen], np.ones(int(seen.sum())), missed=missed)
 
-    def _sight(self, world: World, object_id: int, combo: SensorSet) -> bool | None:
+    def _sight(self, world: World, object_id: int, sensor_set: SensorSet) -> bool | None:
         """True: seen. False: hidden. None: in no sensor's field of view."""
         verdict = None
-        for found in self._by_sensor(world, object_id, combo):
+        for found in self._by_sensor(world, object_id, sensor_set):
             if found:
                 return True
             verdict = verdict if found is None else found
         return verdict
 
-    def _by_sensor(self, world: World, object_id: int, combo: SensorSet) -> Iterator[bool | None]:
+    def _by_sensor(self, world: World, object_id: int, sensor_set: SensorSet) -> Iterator[bool | None]:
         """One sensor's verdict after the other, LiDARs first (they are asked fewer rays)."""
         mesh = world.mesh_of(object_id)
         for agent, pose, rig, lidar, camera in (
-            ("ego", world.world_from_ego, self._rig.ego, combo.ego_lidar, combo.ego_camera),
-            ("infra", world.world_from_infra, self._rig.infra, combo.infra_lidar, combo.infra_camera),
+            ("ego", world.world_from_ego, self._rig.ego, sensor_set.ego_lidar, sensor_set.ego_camera),
+            ("infra", world.world_from_infra, self._rig.infra, sensor_set.infra_lidar, sensor_set.infra_camera),
         ):
             if lidar or camera:
                 tracer = world.ego_tracer() if agent == "ego" else world.infra_tracer()

@@ -66,17 +66,17 @@ class NetworkPerceiver:
         self._sent_bytes: dict[tuple[str, int], int] = {}
         self._silent_from_s: float | None = None  # not known before the first map
 
-    def perceive(self, world: World, tick: int, combo: SensorSet) -> Perceived:
-        """Sensors that ``combo`` lacks capture and send nothing; maps received earlier are used while they are held."""
-        if combo.uses_infra and self._is_cut(world.time_s):
-            combo = replace(combo, infra_camera=False, infra_lidar=False)
-        frame = observe(world, self._rig, (*self._key, tick), f"{self._name}/{tick}", combo.sources)
-        if combo.uses_infra:
-            self._send(frame, combo, tick)
+    def perceive(self, world: World, tick: int, sensor_set: SensorSet) -> Perceived:
+        """Sensors not in ``sensor_set`` capture and send nothing; maps received earlier are used as long as held."""
+        if sensor_set.uses_infra and self._is_cut(world.time_s):
+            sensor_set = replace(sensor_set, infra_camera=False, infra_lidar=False)
+        frame = observe(world, self._rig, (*self._key, tick), f"{self._name}/{tick}", sensor_set.sources)
+        if sensor_set.uses_infra:
+            self._send(frame, sensor_set, tick)
         self._vehicle.hear(self._downlink.receive(frame.time_s))
         held = self._vehicle.held(frame.time_s)
         believed = frame.ego.world_from_agent @ self._true_from_believed
-        found = self._vehicle.detect(frame, combo.ego_camera, combo.ego_lidar, believed, held)
+        found = self._vehicle.detect(frame, sensor_set.ego_camera, sensor_set.ego_lidar, believed, held)
         return Perceived(found.boxes, found.names, found.scores, self._messages(held, frame.time_s))
 
     def _is_cut(self, time_s: float) -> bool:
@@ -87,8 +87,8 @@ class NetworkPerceiver:
             self._silent_from_s = np.inf if within_s is None else time_s + share * within_s
         return time_s > self._silent_from_s
 
-    def _send(self, frame: Frame, combo: SensorSet, tick: int) -> None:
-        packets = self._unit.packets(frame, combo.infra_camera, combo.infra_lidar, tick)
+    def _send(self, frame: Frame, sensor_set: SensorSet, tick: int) -> None:
+        packets = self._unit.packets(frame, sensor_set.infra_camera, sensor_set.infra_lidar, tick)
         for source, payloads in packets.items():
             self._sent_bytes[source, tick] = sum(map(len, payloads))
             self._downlink.offer(source, payloads, frame.time_s)

@@ -24,7 +24,7 @@ class Oracle:
     def begin(self, scenario: Scenario, seed_key: Sequence[int]) -> None:
         """Nothing to prepare."""
 
-    def perceive(self, world: World, tick: int, combo: SensorSet) -> Perceived:
+    def perceive(self, world: World, tick: int, sensor_set: SensorSet) -> Perceived:
         users = world.road_users()
         boxes = transform_boxes(world.world_from_ego.inverse(), users.boxes)
         inside = self._grid.contains_bev(boxes)
@@ -40,7 +40,7 @@ class Blind:
     def begin(self, scenario: Scenario, seed_key: Sequence[int]) -> None:
         """Nothing to prepare."""
 
-    def perceive(self, world: World, tick: int, combo: SensorSet) -> Perceived:
+    def perceive(self, world: World, tick: int, sensor_set: SensorSet) -> Perceived:
         return Perceived.nothing()
 
 
@@ -55,5 +55,5 @@ class AlwaysSlow:
     def begin(self, scenario: Scenario, seed_key: Sequence[int]) -> None:
         """Nothing to prepare."""
 
-    def perceive(self, world: World, tick: int, combo: SensorSet) -> Perceived:
+    def perceive(self, world: World, tick: int, sensor_set: SensorSet) -> Perceived:
         return Perceived(self.PHANTOM, np.array(["Pedestrian"]), np.ones(1))

@@ -54,7 +54,7 @@ class Perceiver(Protocol):
         """An episode starts; all randomness in it follows from ``seed_key`` (and the tick)."""
         ...
 
-    def perceive(self, world: World, tick: int, combo: SensorSet) -> Perceived:
+    def perceive(self, world: World, tick: int, sensor_set: SensorSet) -> Perceived:
         """What is found in the world as it stands now; ticks grow, but some may be left out while perception sleeps."""
         ...
 

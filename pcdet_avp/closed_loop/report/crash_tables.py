@@ -76,7 +76,7 @@ def _pace(cell: Cell | None) -> tuple[str, str]:
     """Mean speed, and the share of false braking in percent."""
     if cell is None:
         return NOTHING, NOTHING
-    means = (cell.measured(column) for column in ("mean_speed", "false_brake_share"))
+    means = (cell.measured(column) for column in ("mean_speed_mps", "false_brake_share"))
     return tuple(f"{factor * mean.mean():.1f}" for mean, factor in zip(means, (1, 100), strict=True))
 
 

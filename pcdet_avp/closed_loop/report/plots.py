@@ -15,9 +15,8 @@ from pcdet_avp.closed_loop.report.crash_tables import has_paper_rows, paper_tall
 from pcdet_avp.closed_loop.sweep.crash_statistics import Tally, crash_interval
 from pcdet_avp.closed_loop.sweep.results import Results
 from pcdet_avp.files import write_bytes
+from pcdet_avp.visualization.palette import INFRA_INKS
 
-# Of the roadside's sensors; told apart by the colour-blind too.
-COLORS = {"none": "#6e6e6e", "C": "#e08a00", "CL": "#0062a8"}
 WIDTHS = {"none": 4.2, "C": 2.6, "CL": 1.2}
 ASIDE_MPS = 0.08  # between curves of the same panel
 VEHICLES = {"C": "vehicle camera", "CL": "vehicle camera + LiDAR"}
@@ -106,16 +105,16 @@ def _survival(axis: Axes, values: np.ndarray, color: str, label: str, width: flo
     axis.step(x, y, where="pre", color=color, label=label, linewidth=width)
 
 
-def law_figure(cruising: float = 1.0) -> Figure:
+def law_figure(cruising_mps: float = 1.0) -> Figure:
     """The paper's heat map of the target speed, as a share of the cruising speed, seen from above."""
     ahead, aside = np.linspace(0, 16, 321), np.linspace(-8, 8, 321)
-    speed = target_speed_law(ahead[:, None], np.abs(aside)[None], cruising)
+    speed = target_speed_law(ahead[:, None], np.abs(aside)[None], cruising_mps)
     figure = Figure(figsize=(5.2, 4.6), layout="constrained")
     axis = figure.subplots()
     image = axis.pcolormesh(aside, ahead, speed, cmap="viridis", vmin=0, vmax=1, shading="nearest")
     for border in (-OUTER_M, -INNER_M, INNER_M, OUTER_M):
         axis.axvline(border, color="white", linewidth=0.8, linestyle="--")
-    axis.set(xlabel="lateral distance of the walker (m)", ylabel="distance ahead of the front bumper (m)")
+    axis.set(xlabel="lateral distance of the pedestrian (m)", ylabel="distance ahead of the front bumper (m)")
     axis.set_title("Target speed v*/v_c of the AVP vehicle")
     figure.colorbar(image, ax=axis, label="v* / v_c")
     return figure
@@ -130,7 +129,7 @@ def vehicle_panels(results: Results, scenario: str, perception: str) -> dict[str
 
 
 def combo_color(combo: str) -> str:
-    return COLORS.get(combo.partition("+")[2], "#0062a8")
+    return INFRA_INKS.get(combo.partition("+")[2], "#0062a8")
 
 
 def combo_label(combo: str, perception: str) -> str:

@@ -115,7 +115,7 @@ def _section(results: Results, scenario: str, perception: str, figures: Path) ->
 def _crash_part(results: Results, scenario: str, perception: str, head: str) -> list[str]:
     table = crash_table(results, scenario, perception)
     gains = gain_lines(results, scenario, perception)
-    counted = "any contact" if scenario.startswith("t_junction") else "a walker met by the front"
+    counted = "any contact" if scenario.startswith("t_junction") else "a pedestrian met by the front"
     beside = f", with the paper's {PAPER_NAMES[scenario]}" if has_paper_rows(scenario, perception) else ""
     return [
         f"**{head}: crashes** ({counted}) of n episodes{beside}.",
@@ -154,8 +154,8 @@ def _law_section(figures: Path) -> list[str]:
     return [
         "## The law of the target speed",
         "",
-        "What the car aims at for a walker ahead, as a share of its cruising speed (the paper's heat map). Distances",
-        "are those from the front bumper and from the car's centre line to the nearest point of the walker's box.",
+        "What the car aims at for a pedestrian ahead, as a share of its cruising speed (the paper's heat map).",
+        "Distances are those from the front bumper and from the car's centre line to the nearest point of the box.",
         "",
         *_picture(figures / "target_speed.png", law_figure(), "Heat map of the target speed"),
     ]

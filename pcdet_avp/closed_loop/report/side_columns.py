@@ -52,7 +52,7 @@ def _has(cell: Cell, column: str) -> bool:
 
 
 def _pace(cell: Cell) -> str:
-    return f"{_mean(cell, 'mean_speed')}, {_mean(cell, 'false_brake_share', 100)}"
+    return f"{_mean(cell, 'mean_speed_mps')}, {_mean(cell, 'false_brake_share', 100)}"
 
 
 def _first_detection(cell: Cell) -> str:
@@ -65,7 +65,7 @@ def _nearness(cell: Cell) -> str:
 
 
 def _violence(cell: Cell) -> str:
-    return f"{_most(cell, 'hardest_deceleration')} / {_most(cell, 'impact_speed')}"
+    return f"{_most(cell, 'hardest_deceleration_mps2')} / {_most(cell, 'impact_speed_mps')}"
 
 
 def _misses(cell: Cell) -> str:

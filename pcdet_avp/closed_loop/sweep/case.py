@@ -57,9 +57,9 @@ def case_scenario(job: CaseJob) -> Scenario:
 def replay(job: CaseJob, keep_perceived: bool = False) -> EpisodeLog:
     """The whole log of a case, the same however often it is run."""
     settings = EpisodeSettings.from_config({**job.closed_loop, "KEEP_PERCEIVED": keep_perceived})
-    combo = SensorSet.parse("CL+CL" if job.case.combo == ANY_COMBO else job.case.combo)
+    sensor_set = SensorSet.parse("CL+CL" if job.case.combo == ANY_COMBO else job.case.combo)
     perceiver = _perceiver(job.case.perception, json.dumps(job.perceiver))
-    return run_episode(case_scenario(job), perceiver, combo, settings)
+    return run_episode(case_scenario(job), perceiver, sensor_set, settings)
 
 
 @lru_cache(maxsize=2)
@@ -83,7 +83,7 @@ def episode_row(case: Case, scenario: Scenario, log: EpisodeLog) -> EpisodeRow:
             "messages": len(messages),
             "message_bytes": _mean([message.bytes for message in messages]),
             "message_age_s": _mean([message.age_s for message in messages]),
-            "max_lateral_acceleration": scenario.max_lateral_acceleration,
+            "max_lateral_acceleration_mps2": scenario.max_lateral_acceleration_mps2,
         }
     )
 

@@ -14,7 +14,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from pcdet_avp.closed_loop.episode_log import ROW_FIELDS, EpisodeRow
+from pcdet_avp.closed_loop.episode_log import ROW_FIELDS, EpisodeRow, with_current_names
 from pcdet_avp.closed_loop.sweep.case import Case
 from pcdet_avp.errors import RecordError
 from pcdet_avp.files import write_json
@@ -62,10 +62,11 @@ class Journal:
 def _parsed(line: bytes, where: str) -> tuple[EpisodeRow, float]:
     try:
         entry = json.loads(line)
-        if set(entry["row"]) != set(ROW_FIELDS):
+        row = with_current_names(entry["row"])
+        if set(row) != set(ROW_FIELDS):
             raise RecordError(f"{where}: written by another version; choose another --out or remove it")
-        return EpisodeRow(**entry["row"]), float(entry["wall_s"])
-    except (ValueError, KeyError, TypeError) as error:
+        return EpisodeRow(**row), float(entry["wall_s"])
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise RecordError(f"{where}: not a finished episode ({error!r})") from error
 
 

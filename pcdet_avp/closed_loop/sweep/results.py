@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from pcdet_avp.closed_loop.episode_log import with_current_names
 from pcdet_avp.closed_loop.sweep.crash_statistics import Tally
 from pcdet_avp.errors import EvaluationError
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
@@ -119,7 +120,7 @@ def _read_summary(file: Path) -> dict:
 def _read_rows(file: Path) -> list[dict[str, str]]:
     try:
         with file.open(newline="", encoding="utf-8") as stream:
-            return list(csv.DictReader(stream))
+            return [with_current_names(row) for row in csv.DictReader(stream)]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise EvaluationError(f"{file}: cannot be read ({error})") from error
 

@@ -82,15 +82,15 @@ def _cell(rows: list[EpisodeRow]) -> dict[str, Any]:
         "front": sum(row.outcome == "front" for row in rows),
         "side": sum(row.outcome == "side" for row in rows),
         "unfinished": sum(not row.finished for row in rows),
-        "mean_speed": _mean(row.mean_speed for row in rows),
+        "mean_speed_mps": _mean(row.mean_speed_mps for row in rows),
         "false_brake_share": _mean(row.false_brake_share for row in rows),
-        "impact_speed": _mean(row.impact_speed for row in rows if row.crashed),
+        "impact_speed_mps": _mean(row.impact_speed_mps for row in rows if row.crashed),
         "min_distance_m": _mean(row.min_distance_m for row in rows),
         "first_detection_m": _mean(row.first_detection_m for row in rows),
-        "hardest_deceleration": max(row.hardest_deceleration for row in rows),
+        "hardest_deceleration_mps2": max(row.hardest_deceleration_mps2 for row in rows),
         "missed_outside": sum(row.missed_outside for row in rows),
         "missed_occluded": sum(row.missed_occluded for row in rows),
-        "max_lateral_acceleration": max(row.max_lateral_acceleration for row in rows),
+        "max_lateral_acceleration_mps2": max(row.max_lateral_acceleration_mps2 for row in rows),
     }
 
 
@@ -133,7 +133,7 @@ def crash_table(cells: Sequence[Mapping[str, Any]], speeds: Sequence[float]) -> 
         by_speed = {cell["speed"]: cell for cell in found}
         lines.append(_line(" ".join(key), speeds, by_speed, lambda c: f"{c['crashes']}/{c['trials']}"))
         lines.append(_line("  side contacts", speeds, by_speed, lambda c: str(c["side"])))
-        lines.append(_line("  mean speed, m/s", speeds, by_speed, lambda c: f"{c['mean_speed']:.1f}"))
+        lines.append(_line("  mean speed, m/s", speeds, by_speed, lambda c: f"{c['mean_speed_mps']:.1f}"))
         lines.append(_line("  false-brake share", speeds, by_speed, lambda c: f"{c['false_brake_share']:.2f}"))
     return "\n".join(lines)
 

@@ -11,8 +11,8 @@ from pcdet_avp.structures.boxes import bev_corners, transform_boxes
 from pcdet_avp.structures.ego import EGO_FOOTPRINT
 from pcdet_avp.structures.frame import AgentView
 from pcdet_avp.structures.pose import Pose
-from pcdet_avp.visualization.detections import CLASS_COLORS, TRUE_COLOR
-from pcdet_avp.visualization.draw import EGO_LIGHT, INFRA_LIGHT, BevCanvas, camera_panel, put_text
+from pcdet_avp.visualization.draw import BevCanvas, camera_panel, put_text
+from pcdet_avp.visualization.palette import CLASS_COLORS, EGO_LIGHT, INFRA_LIGHT, TRUE_COLOR
 from pcdet_avp.visualization.time_strip import TimeStrip
 
 CAMERA_PX, MAP_PX, STRIP_PX = (576, 324), (864, 648), (1440, 162)  # width, height

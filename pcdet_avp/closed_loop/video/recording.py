@@ -31,9 +31,9 @@ class _Witness:
         self.world = None
         self._perceiver.begin(scenario, seed_key)
 
-    def perceive(self, world: World, tick: int, combo: SensorSet) -> Perceived:
+    def perceive(self, world: World, tick: int, sensor_set: SensorSet) -> Perceived:
         self.world = world
-        return self._perceiver.perceive(world, tick, combo)
+        return self._perceiver.perceive(world, tick, sensor_set)
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ class Recording:
     without the roadside at the same places, tick by tick (None while perception sleeps)."""
 
     scenario: Scenario
-    combo: SensorSet
+    sensor_set: SensorSet
     log: EpisodeLog
     alone: tuple[Perceived | None, ...]
     _world: World
@@ -60,17 +60,17 @@ class Recording:
 
 
 def record_episode(
-    scenario: Scenario, perceiver: Perceiver, combo: SensorSet, settings: EpisodeSettings | None = None
+    scenario: Scenario, perceiver: Perceiver, sensor_set: SensorSet, settings: EpisodeSettings | None = None
 ) -> Recording:
     """Drive an episode and keep all of it; the perceiver looks twice at every tick if the roadside helps."""
     settings = replace(settings or EpisodeSettings(), keep_perceived=True)
     witness = _Witness(perceiver)
-    log = run_episode(scenario, witness, combo, settings)
-    recording = Recording(scenario, combo, log, log.perceived, witness.world or scenario.world())
-    if not combo.uses_infra:
+    log = run_episode(scenario, witness, sensor_set, settings)
+    recording = Recording(scenario, sensor_set, log, log.perceived, witness.world or scenario.world())
+    if not sensor_set.uses_infra:
         return recording
     perceiver.begin(scenario, scenario.seed_key)
-    vehicle = replace(combo, infra_camera=False, infra_lidar=False)
+    vehicle = replace(sensor_set, infra_camera=False, infra_lidar=False)
     looks = [
         None if seen is None else perceiver.perceive(recording.seek(tick), tick, vehicle)
         for tick, seen in enumerate(log.perceived)

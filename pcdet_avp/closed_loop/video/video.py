@@ -34,15 +34,15 @@ from pcdet_avp.structures.sensor_set import SensorSet
 from pcdet_avp.visualization.time_strip import Curve, TimeStrip
 from pcdet_avp.visualization.video import write_picture, write_video
 
-LEAD_IN_S = 1.0  # the film starts so long before perception wakes
+LEAD_IN_S = 1.0  # the video starts so long before perception wakes
 HOLD_S = 1.5  # the last picture stays so long
 STILLS = 4
 
 
-def film_episode(
+def write_episode_video(
     scenario: Scenario,
     perceiver: Perceiver,
-    combo: SensorSet,
+    sensor_set: SensorSet,
     data_cfg: Mapping[str, Any],
     file: Path,
     title: str,
@@ -52,21 +52,21 @@ def film_episode(
     """Drive an episode and write it to ``file`` (a video; ``<stem>_stills.jpg`` beside it). Returns the episode's log.
 
     The cameras that are shown come from ``data_cfg["SENSORS"]``. ``title`` says which perception drives. ``every``:
-    2 shows every other tick. The film runs in real time.
+    2 shows every other tick. The video runs in real time.
     """
     settings = settings or EpisodeSettings()
-    recording = record_episode(scenario, perceiver, combo, settings)
-    film = Film(recording, Rig.from_config(data_cfg["SENSORS"]), title, settings)
-    ticks = film.ticks()
-    shown = tqdm(ticks[::-every][::-1], unit="picture", desc=f"filming {file.name}")
+    recording = record_episode(scenario, perceiver, sensor_set, settings)
+    video = EpisodeVideo(recording, Rig.from_config(data_cfg["SENSORS"]), title, settings)
+    ticks = video.ticks()
+    shown = tqdm(ticks[::-every][::-1], unit="picture", desc=f"drawing {file.name}")
     fps = 1 / (every * settings.tick_s)
-    write_video(file, film.pictures(shown, hold=round(HOLD_S * fps)), fps)
-    stills = [film.picture(tick) for tick in _still_ticks(ticks, recording.log)]
+    write_video(file, video.pictures(shown, hold=round(HOLD_S * fps)), fps)
+    stills = [video.picture(tick) for tick in _still_ticks(ticks, recording.log)]
     write_picture(file.with_name(f"{file.stem}_stills.jpg"), np.vstack(stills))
     return recording.log
 
 
-class Film:
+class EpisodeVideo:
     """Pictures of a recorded episode."""
 
     def __init__(self, recording: Recording, rig: Rig, title: str, settings: EpisodeSettings) -> None:
@@ -75,7 +75,7 @@ class Film:
         parked = [box_at(actor, 0.0) for actor in scenario.actors if stands(actor)]
         plan = garage_plan(scenario.layout, np.array(parked).reshape(-1, 7), MAP_SCALE)
         self._painter = EpisodePainter(
-            plan, scenario.layout.road_end_x + 2.0, self._strip(settings), title, recording.combo.uses_infra
+            plan, scenario.layout.road_end_x + 2.0, self._strip(settings), title, recording.sensor_set.uses_infra
         )
 
     def ticks(self) -> range:
@@ -118,7 +118,7 @@ class Film:
         log = self._recording.log
         if log.outcome == "none":
             return ("passed without a contact" if log.finished else "time is up"), "none"
-        return f"contact with the {log.outcome} at {log.impact_speed:.1f} m/s", log.outcome
+        return f"contact with the {log.outcome} at {log.impact_speed_mps:.1f} m/s", log.outcome
 
     def _strip(self, settings: EpisodeSettings) -> TimeStrip:
         recording, log = self._recording, self._recording.log
@@ -128,20 +128,20 @@ class Film:
             Curve("speed", log.speeds[part], EGO_COLOR),
             Curve("target speed", log.targets[part], FUSED_COLOR, steps=True),
         ]
-        if recording.combo.uses_infra:
+        if recording.sensor_set.uses_infra:
             alone = self._targets_alone(settings)[part]
             curves.insert(1, Curve("target speed by the car alone", alone, ALONE_COLOR, 1, steps=True))
-        top = 1.1 * recording.scenario.cruising
+        top = 1.1 * recording.scenario.cruising_mps
         return TimeStrip(*STRIP_PX, log.times[part], curves, top, "speed (m/s)")
 
     def _targets_alone(self, settings: EpisodeSettings) -> np.ndarray:
         """(T,) the target speed that the vehicle's own detections would ask for at the same places."""
         scenario, log = self._recording.scenario, self._recording.log
-        driver = Driver(scenario.cruising, scenario.junction, settings.hold_ticks, settings.from_bumper)
-        targets = [scenario.cruising] * settings.lag_ticks
+        driver = Driver(scenario.cruising_mps, scenario.junction, settings.hold_ticks, settings.from_bumper)
+        targets = [scenario.cruising_mps] * settings.lag_ticks
         for x, seen in zip(log.positions, self._recording.alone, strict=True):
             pose = Pose.from_xyz_yaw(float(x), scenario.layout.lane_y)
-            targets.append(scenario.cruising if seen is None else driver.decide(seen.boxes, seen.names, pose))
+            targets.append(scenario.cruising_mps if seen is None else driver.decide(seen.boxes, seen.names, pose))
         return np.array(targets[: len(log.times)])
 
 

@@ -1,4 +1,4 @@
-"""Which episodes of a sweep are worth a film, and the films."""
+"""Which episodes of a sweep are worth a video, and the videos."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from pcdet_avp.closed_loop.perception.factory import build_perceiver
 from pcdet_avp.closed_loop.sweep.case import ANY_COMBO, Case, case_scenario, perceiver_settings
 from pcdet_avp.closed_loop.sweep.journal import Finished
 from pcdet_avp.closed_loop.sweep.sweep import Sweep
-from pcdet_avp.closed_loop.video.video import film_episode
+from pcdet_avp.closed_loop.video.video import write_episode_video
 from pcdet_avp.structures.sensor_set import SensorSet
 
 
-def film_sweep(sweep: Sweep, finished: Finished, folder: Path) -> list[Path]:
-    """A film and its stills for every sensor combination of the sweep; those that lie there already are left alone."""
+def write_sweep_videos(sweep: Sweep, finished: Finished, folder: Path) -> list[Path]:
+    """A video and its stills for every sensor combination of the sweep; those that lie there already are left alone."""
     rows = [row for row, _ in finished.values() if (row.scenario, row.perception) == (sweep.scenario, sweep.perception)]
     perceiver = build_perceiver(sweep.perception, perceiver_settings(sweep.perceiver))
     settings = EpisodeSettings.from_config(sweep.closed_loop)
@@ -24,9 +24,11 @@ def film_sweep(sweep: Sweep, finished: Finished, folder: Path) -> list[Path]:
     for case in telling_cases(row for row in rows if row.combo in (*sweep.combos, ANY_COMBO)):
         file = folder / f"{case.scenario}_{case.perception}_{case.combo}_{case.speed:g}_{case.trial}.mp4"
         if not any(folder.glob(f"{file.stem}_stills.*")):
-            combo = SensorSet.parse("CL+CL" if case.combo == ANY_COMBO else case.combo)
+            sensor_set = SensorSet.parse("CL+CL" if case.combo == ANY_COMBO else case.combo)
             scenario = case_scenario(sweep.job(case))
-            film_episode(scenario, perceiver, combo, sweep.perceiver["data_cfg"], file, _title(sweep, case), settings)
+            write_episode_video(
+                scenario, perceiver, sensor_set, sweep.perceiver["data_cfg"], file, _title(sweep, case), settings
+            )
         files.append(file)
     return files
 

@@ -145,7 +145,7 @@ class AvpDataset(torch.utils.data.Dataset):
         """Average precision over all frames of the split: a text, and numbers by name (percent).
 
         ``det_annos`` as from ``generate_prediction_dicts``; every frame of the split must be there. There is one
-        metric and nothing is written, so ``eval_metric`` and ``output_path``, which the host passes, change nothing.
+        metric and nothing is written, so ``eval_metric`` and ``output_path``, which OpenPCDet passes, change nothing.
         """
         by_frame = {str(annotation["frame_id"]): annotation for annotation in det_annos}
         truths = self.ground_truths()

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 RAGGED = ("points", "points_infra")
-# The host turns ``images`` into (B, 3, h, w) on the way to the device, and only that key.
+# OpenPCDet turns ``images`` into (B, 3, h, w) on the way to the device, and only that key.
 CHANNELS_FIRST = ("images_infra",)
 
 

@@ -104,7 +104,7 @@ class Field:
         return f"{self.name}.{key}" if self.name else key
 
 
-def write_json(file: Path, content: dict) -> int:
+def write_record_json(file: Path, content: dict) -> int:
     """Write compactly, keys in the order given; refuse values that JSON has no words for. Returns the size in bytes."""
     try:
         data = (json.dumps(content, separators=(",", ":"), allow_nan=False) + "\n").encode()

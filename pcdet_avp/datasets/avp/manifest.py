@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from pcdet_avp import __version__
-from pcdet_avp.datasets.avp.fields import Field, write_json
+from pcdet_avp.datasets.avp.fields import Field, write_record_json
 from pcdet_avp.datasets.avp.layout import PARTIAL_SUFFIX, SCHEMA_VERSION, check_schema, frame_dir
 from pcdet_avp.datasets.avp.splits import SPLITS
 from pcdet_avp.errors import RecordError
@@ -58,7 +58,7 @@ def write_manifest(root: str | Path, manifest: Manifest) -> None:
     partial = file.with_name(f".{MANIFEST_FILE}{PARTIAL_SUFFIX}")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        write_json(partial, _content(manifest))
+        write_record_json(partial, _content(manifest))
         with partial.open("rb") as handle:
             os.fsync(handle.fileno())
         os.replace(partial, file)

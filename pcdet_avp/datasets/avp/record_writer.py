@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pcdet_avp.datasets.avp.fields import write_json
+from pcdet_avp.datasets.avp.fields import write_record_json
 from pcdet_avp.datasets.avp.image_files import encode_depth, encode_image
 from pcdet_avp.datasets.avp.layout import FRAME_FILE, PARTIAL_SUFFIX, POINT_LIST, RANGE_IMAGE, SCHEMA_VERSION, frame_dir
 from pcdet_avp.datasets.avp.scan_codec import encode_scan
@@ -47,7 +47,7 @@ def _write_folder(folder: Path, files: Files, content: dict) -> int:
         partial.mkdir(parents=True)
         for name, data in files.items():
             (partial / name).write_bytes(data)
-        size = write_json(partial / FRAME_FILE, content)
+        size = write_record_json(partial / FRAME_FILE, content)
         _move_into_place(partial, folder)
     except OSError as error:
         raise RecordError(f"{folder}: cannot write this frame ({error.strerror})") from error
@@ -143,7 +143,7 @@ def _labels(labels: Labels) -> list[dict]:
             "box": [float(v) for v in labels.boxes[i, :7]],
             "id": int(labels.object_ids[i]),
             "visible_vertices": int(labels.visible_vertices[i]),
-            "hits": [int(v) for v in labels.hits[i]],
+            "hits": [int(v) for v in labels.hit_counts[i]],
         }
         for i in range(len(labels))
     ]

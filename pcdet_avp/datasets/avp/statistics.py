@@ -28,7 +28,7 @@ class Statistics:
 
     grid: BevGrid
     frames: int = 0
-    hits: dict[str, list[np.ndarray]] = field(default_factory=lambda: {name: [] for name in CLASS_NAMES})
+    hit_counts: dict[str, list[np.ndarray]] = field(default_factory=lambda: {name: [] for name in CLASS_NAMES})
     difficulty: dict[str, list[np.ndarray]] = field(default_factory=lambda: {name: [] for name in CLASS_NAMES})
     ego_mast_m: list[float] = field(default_factory=list)
 
@@ -45,7 +45,7 @@ class Statistics:
         self.ego_mast_m.append(float(np.hypot(*frame.ego_from_infra.translation[:2])))
         for name in CLASS_NAMES:
             of_class = labels.names == name
-            self.hits[name].append(labels.hits[of_class])
+            self.hit_counts[name].append(labels.hit_counts[of_class])
             self.difficulty[name].append(labels.difficulty[of_class])
 
     def difficulty_shares(self, name: str) -> np.ndarray:
@@ -54,7 +54,7 @@ class Statistics:
 
     def seen_shares(self, name: str) -> dict[str, np.ndarray]:
         """Per sensor and per combination: (2,) share of objects seen, at the two ``LEVELS``."""
-        hits = np.concatenate(self.hits[name])
+        hits = np.concatenate(self.hit_counts[name])
         is_camera = np.array([source.endswith("camera") for source in SOURCES])
         thresholds = [np.where(is_camera, MIN_PIXELS, points) for points in (1, MIN_POINTS)]
         seen = np.stack([hits >= threshold for threshold in thresholds])  # (2, N, 4)
@@ -79,7 +79,7 @@ class Statistics:
         return lines
 
     def _seen(self) -> list[str]:
-        names = [name for name in CLASS_NAMES if sum(map(len, self.hits[name]))]
+        names = [name for name in CLASS_NAMES if sum(map(len, self.hit_counts[name]))]
         lines = [f"share of objects seen, with {LEVELS[0]} (in brackets: {LEVELS[1]})"]
         lines.append(f"  {'sensors':<14}" + "".join(f"{name:>22}" for name in names))
         columns = [self.seen_shares(name) for name in names]

@@ -22,7 +22,7 @@ from pcdet_avp.structures.sensor_set import SENSOR_SETS, SensorSet
 
 
 @dataclass(frozen=True)
-class Found:
+class DetectionRun:
     """By combination: detections, one per frame of the split in its order, and bytes of every map sent."""
 
     detections: dict[str, list[Detections]]
@@ -51,7 +51,7 @@ def detect(
     batch_size: int = 1,
     workers: int = 0,
     wire: Wire | None = None,
-) -> Found:
+) -> DetectionRun:
     """Run the network over the whole split once per combination; ranks share the frames, all get the result."""
     was_training = model.training
     model.eval()
@@ -67,7 +67,7 @@ def detect(
     model.train(was_training)
     parts = ranks.gather(mine)
     detections = {combo: _in_order(dataset, [part[combo][0] for part in parts]) for combo in combos}
-    return Found(detections, {combo: _joined([part[combo][1] for part in parts]) for combo in combos})
+    return DetectionRun(detections, {combo: _joined([part[combo][1] for part in parts]) for combo in combos})
 
 
 def _results(model, dataset, combos, ranks, batch_size, workers, wire) -> Iterator[tuple[str, list[dict], dict]]:
@@ -92,7 +92,7 @@ def _in_order(dataset, parts: Sequence[Sequence[Mapping]]) -> list[Detections]:
 
 
 def benchmark(
-    dataset, found: Found, min_scores: Mapping[str, float] | None = None
+    dataset, found: DetectionRun, min_scores: Mapping[str, float] | None = None
 ) -> tuple[list[dict], dict[str, str]]:
     """(rows of the benchmark table, the full text of each combination's evaluation)."""
     truths, regions = dataset.ground_truths(), dataset.regions()
@@ -103,7 +103,7 @@ def benchmark(
     return rows, texts
 
 
-def driving_thresholds(dataset, found: Found) -> dict[str, float]:
+def driving_thresholds(dataset, found: DetectionRun) -> dict[str, float]:
     """For each class, the score from which on F1 at the loose IoU is best over all combinations together.
 
     One number per class serves every combination, because the roadside may vanish at any frame. For the

@@ -27,7 +27,7 @@ from pcdet_avp.structures.sensor_set import SENSOR_SETS
 
 
 @dataclass(frozen=True)
-class TestResult:
+class BenchmarkResult:
     """Rows of the benchmark table, where they come from; by combination, the full text and what was detected."""
 
     meta: dict[str, Any]
@@ -84,7 +84,7 @@ def run_test(
     workers: int = 0,
     wire: bool = False,
     started: float | None = None,
-) -> TestResult:
+) -> BenchmarkResult:
     """Evaluate a checkpoint on a split; ``wire`` sends every roadside map through encoded bytes."""
     dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split=split, logger=logger)
     model, content = load_network(cfg, path, dataset, ranks, logger)
@@ -94,7 +94,7 @@ def run_test(
     weights = checkpoint.weights_hash(content["model_state"])
     meta = provenance(cfg, config_name, seed=seed, weights_hash=weights, started=started)
     gains = roadside_gains(dataset, found.detections)
-    return TestResult(meta | _about(path, content, dataset, wire), rows, texts, found.detections, gains)
+    return BenchmarkResult(meta | _about(path, content, dataset, wire), rows, texts, found.detections, gains)
 
 
 def _about(path: Path, content: Mapping[str, Any], dataset: Any, wire: bool) -> dict[str, Any]:

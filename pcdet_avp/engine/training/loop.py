@@ -18,7 +18,7 @@ from pcdet_avp.engine.training.trainer import StepReport, Trainer
 
 
 @dataclass
-class Keeper:
+class CheckpointSaver:
     """Writes checkpoints: one at the end of every ``epoch_interval`` epochs, and the newest state every so often."""
 
     folder: Path
@@ -58,22 +58,22 @@ def epoch_file(trainer: Trainer) -> str:
 def train(
     trainer: Trainer,
     batches: Iterable[dict],
-    keeper: Keeper,
+    saver: CheckpointSaver,
     logger: logging.Logger,
     monitor: Monitor | None = None,
     budget: TimeBudget | None = None,
-    look: Callable[[int], None] | None = None,
+    on_step: Callable[[int], None] | None = None,
 ) -> None:
-    """Train until the schedule ends; Ctrl-C saves first. ``look(iteration)`` is called after every step of rank 0."""
+    """Train until the schedule ends; Ctrl-C saves first. Rank 0 calls ``on_step(iteration)`` after every step."""
     with Interrupt(speaks=trainer.ranks.is_first) as interrupt:
         for report, seconds in _steps(trainer, batches, interrupt):
             if monitor:
                 monitor.add(report)
-            if look and trainer.ranks.is_first:
-                look(trainer.iteration)
+            if on_step and trainer.ranks.is_first:
+                on_step(trainer.iteration)
             if budget:
                 budget.add(report.combo, seconds)
-            _between_steps(trainer, keeper, logger, monitor, budget, interrupt)
+            _between_steps(trainer, saver, logger, monitor, budget, interrupt)
 
 
 def _steps(trainer: Trainer, batches: Iterable[dict], interrupt: Interrupt) -> Iterator[tuple[StepReport, float]]:
@@ -93,17 +93,17 @@ def _steps(trainer: Trainer, batches: Iterable[dict], interrupt: Interrupt) -> I
         before = now
 
 
-def _between_steps(trainer, keeper, logger, monitor, budget, interrupt) -> None:
+def _between_steps(trainer, saver, logger, monitor, budget, interrupt) -> None:
     """Whatever one rank wants, all do in the same iteration."""
     first = trainer.ranks.is_first
     wants_plan = bool(budget) and first and not trainer.finished and budget.wants_plan(trainer.elapsed_s)
-    stop, due, replan = trainer.ranks.any([interrupt.requested, first and keeper.is_due(), wants_plan])
+    stop, due, replan = trainer.ranks.any([interrupt.requested, first and saver.is_due(), wants_plan])
     if replan:
         _plan(trainer, logger, monitor, budget)
-    if keeper.closes_epoch(trainer):
-        keeper.save(trainer, epoch_file(trainer))
+    if saver.closes_epoch(trainer):
+        saver.save(trainer, epoch_file(trainer))
     elif due or stop:
-        path = keeper.save(trainer, checkpoint.LATEST)
+        path = saver.save(trainer, checkpoint.LATEST)
         logger.info(f"iteration {trainer.iteration}: saved {path.name}", extra={"quiet": not stop})
     if stop and not trainer.finished:
         raise KeyboardInterrupt

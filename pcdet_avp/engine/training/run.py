@@ -19,7 +19,7 @@ from pcdet_avp.engine.loader import batches
 from pcdet_avp.engine.outputs import RunFolder
 from pcdet_avp.engine.seed import seed_torch
 from pcdet_avp.engine.testing.pictures import detection_picture
-from pcdet_avp.engine.training.loop import Keeper, epoch_file, train
+from pcdet_avp.engine.training.loop import CheckpointSaver, epoch_file, train
 from pcdet_avp.engine.training.monitor import Monitor
 from pcdet_avp.engine.training.run_state import check_config, restore_run
 from pcdet_avp.engine.training.sampler import BatchPlan, CombinationBatchSampler
@@ -64,7 +64,7 @@ def run_training(
     dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=True, logger=logger)
     trainer = build_trainer(cfg, dataset, options, ranks, logger)
     resume(trainer, cfg, folder, options, logger)
-    keeper = Keeper(
+    saver = CheckpointSaver(
         folder.checkpoints,
         about(cfg, config_name),
         options.ckpt_save_interval,
@@ -78,8 +78,8 @@ def run_training(
     sampler = CombinationBatchSampler(trainer.plan, trainer.iteration, ranks.rank, ranks.world)
     budget = TimeBudget(options.max_minutes) if options.max_minutes else None
     try:
-        look = _picture_taker(cfg, trainer, monitor, options) if monitor else None
-        train(trainer, batches(dataset, sampler, ranks, options.workers), keeper, logger, monitor, budget, look)
+        on_step = _picture_taker(cfg, trainer, monitor, options) if monitor else None
+        train(trainer, batches(dataset, sampler, ranks, options.workers), saver, logger, monitor, budget, on_step)
     finally:
         if monitor:
             monitor.close()
@@ -161,10 +161,10 @@ def _picture_taker(cfg: Mapping, trainer: Trainer, monitor: Monitor, options: Tr
     split = "val" if has_split(cfg.DATA_CONFIG, "val") else "train"
     dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split=split)
 
-    def look(iteration: int) -> None:
+    def on_step(iteration: int) -> None:
         if iteration % options.picture_interval == 0:
             index = iteration // options.picture_interval % len(dataset)
             picture = detection_picture(trainer.model, dataset, index, PICTURE_COMBOS, trainer.ranks.device)
             monitor.picture("detections", picture, iteration)
 
-    return look
+    return on_step

@@ -15,7 +15,7 @@ from pcdet_avp.models.backbones_2d.deformable_bev_attention import DeformableBev
 from pcdet_avp.models.compression.map_codec import MapCodec
 from pcdet_avp.registry import BACKBONES_2D
 
-HOST_NORM = {"NORM": "batch"}  # unless the section says otherwise
+OPENPCDET_NORM = {"NORM": "batch"}  # unless the section says otherwise
 
 
 @BACKBONES_2D.register("DeformableAttentionBackbone")
@@ -27,7 +27,7 @@ class DeformableAttentionBackbone(BaseBEVBackbone):
     """
 
     def __init__(self, model_cfg: Any, input_channels: int) -> None:
-        super().__init__({**HOST_NORM, **model_cfg}, input_channels)
+        super().__init__({**OPENPCDET_NORM, **model_cfg}, input_channels)
         self.attention = DeformableBevAttention(model_cfg.get("ATTENTION") or {}, input_channels)
 
     def encode(self, x: Tensor) -> Tensor:
@@ -41,11 +41,11 @@ class CompressedBackbone(BaseBEVBackbone):
     """``BaseBEVBackbone`` behind a map that went over the air: reduced, pooled, sparsified, rounded, and restored.
 
     Keys: COMPRESSION (see ``MapCodec``) and those of ``BaseBEVBackbone``; NORM is ``batch`` by default. The share of
-    cells is fixed (THRESHOLD rate), since the host asks no backbone for a loss.
+    cells is fixed (THRESHOLD rate), since OpenPCDet asks no backbone for a loss.
     """
 
     def __init__(self, model_cfg: Any, input_channels: int) -> None:
-        super().__init__({**HOST_NORM, **model_cfg}, input_channels)
+        super().__init__({**OPENPCDET_NORM, **model_cfg}, input_channels)
         self.codec = MapCodec({**(model_cfg.get("COMPRESSION") or {}), "THRESHOLD": "rate"}, input_channels)
 
     def encode(self, x: Tensor) -> Tensor:

@@ -131,7 +131,7 @@ class AvpCp(nn.Module):
         yield self.dense_head.get_loss(batch_dict)
 
     def update_global_step(self) -> None:
-        """Count a training step, as the host's training loop does."""
+        """Count a training step, as OpenPCDet's training loop does."""
         self.global_step += 1
 
     def load_params_from_file(

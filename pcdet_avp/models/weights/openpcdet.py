@@ -13,18 +13,18 @@ from pcdet_avp.errors import CheckpointError
 from pcdet_avp.models.backbones_3d.vfe.dynamic_pillars import DynamicPillars
 from pcdet_avp.models.norm import drop_foreign_norms
 
-ENCODER = "vfe."  # of the host's names; ours lie below encoders.<source>.
+ENCODER = "vfe."  # of OpenPCDet's names; ours lie below encoders.<source>.
 COUNTERS = ("global_step", ".num_batches_tracked")
 
 
 def is_openpcdet(state: Mapping[str, Tensor]) -> bool:
-    """Whether the names are those of a host's detector with pillars, and not of our network trained in the host."""
+    """Whether the names are those of a pillar detector of OpenPCDet, and not of our network trained there."""
     return any(key.startswith(ENCODER) for key in state) and not any(key.startswith("encoders.") for key in state)
 
 
 @dataclass
 class ImportReport:
-    """By the host's names: what went where, and what did not and why."""
+    """By OpenPCDet's names: what went where, and what did not and why."""
 
     loaded: dict[str, list[str]] = field(default_factory=dict)  # theirs -> ours
     other_shape: dict[str, str] = field(default_factory=dict)  # theirs -> "(found) here (expected)"
@@ -48,16 +48,16 @@ class ImportReport:
         return rows
 
 
-def place(state: Mapping[str, Tensor], model: nn.Module) -> tuple[dict[str, Tensor], ImportReport]:
-    """Our names and tensors for the host's ``state``, as far as ``model`` has room for them."""
+def match_tensors(state: Mapping[str, Tensor], model: nn.Module) -> tuple[dict[str, Tensor], ImportReport]:
+    """Our names and tensors for OpenPCDet's ``state``, as far as ``model`` has room for them."""
     own, report = model.state_dict(), ImportReport()
     names = {key: targets_of(key, own) for key in state if key != "global_step"}
     renamed = {name: state[key] for key, targets in names.items() for name in targets}
     kept, foreign = drop_foreign_norms(renamed, model)
-    placed = {name: value for name, value in kept.items() if name in own and own[name].shape == value.shape}
+    matched = {name: value for name, value in kept.items() if name in own and own[name].shape == value.shape}
     for key, targets in names.items():
         known = [name for name in targets if name in own]
-        if used := [name for name in targets if name in placed]:
+        if used := [name for name in targets if name in matched]:
             report.loaded[key] = used
         elif set(targets) & set(foreign):
             report.other_norm.append(key)
@@ -65,12 +65,12 @@ def place(state: Mapping[str, Tensor], model: nn.Module) -> tuple[dict[str, Tens
             report.other_shape[key] = f"{tuple(state[key].shape)} here {tuple(own[known[0]].shape)}"
         else:
             report.unknown.append(key)
-    report.fresh = [name for name in own if name not in placed and name != "global_step"]
-    return placed, report
+    report.fresh = [name for name in own if name not in matched and name != "global_step"]
+    return matched, report
 
 
 def targets_of(key: str, own: Mapping[str, Tensor]) -> list[str]:
-    """Our names for one of the host's; its pillar encoder serves every LiDAR encoder that we have."""
+    """Our names for one of OpenPCDet's; its pillar encoder serves every LiDAR encoder that we have."""
     if not key.startswith(ENCODER):
         return [key]
     encoders = {name.split(".")[1] for name in own if name.startswith("encoders.") and f".{ENCODER}" in name}
@@ -80,14 +80,14 @@ def targets_of(key: str, own: Mapping[str, Tensor]) -> list[str]:
 def load_openpcdet(
     model: nn.Module, state: Mapping[str, Tensor], path: str | os.PathLike, logger: logging.Logger
 ) -> ImportReport:
-    """Copy the host's ``state`` into ``model``, log and return what was loaded; CheckpointError where nothing fits."""
-    placed, report = place(state, model)
+    """Copy OpenPCDet's ``state`` into ``model``, log and return what was loaded; CheckpointError where nothing fits."""
+    matched, report = match_tensors(state, model)
     if not report.loaded:
         raise CheckpointError(f"{path}: OpenPCDet's, but none of its {len(state)} tensors fits this configuration")
-    model.load_state_dict(placed, strict=False)
+    model.load_state_dict(matched, strict=False)
     for line in report.lines():
         logger.info("%s: %s", path, line)
-    if any(isinstance(module, DynamicPillars) and module.as_host is None for module in model.modules()):
+    if any(isinstance(module, DynamicPillars) and module.as_openpcdet is None for module in model.modules()):
         logger.warning(
             "%s: its pillars count heights from the LiDAR, ours from the floor; MODEL.LIDAR_ENCODER.VFE.AS_OPENPCDET "
             "tells how high it stood (KITTI: 1.73 m)",

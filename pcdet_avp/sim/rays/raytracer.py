@@ -18,14 +18,14 @@ from pcdet_avp.sim.rays.face_tables import FaceRoom
 from pcdet_avp.sim.rays.shadow_cache import StandingShadows
 from pcdet_avp.sim.rays.triangle_scene import TriangleScene, ray_arrays
 
-__all__ = ["FAR_M", "NO_FACE", "Hits", "RayTracer", "TriangleScene", "ray_arrays"]
+__all__ = ["FAR_M", "NO_FACE", "RayHits", "RayTracer", "TriangleScene", "ray_arrays"]
 
 NO_FACE = -1
 FAR_M = np.float32(1e6)
 
 
 @dataclass(frozen=True, eq=False)
-class Hits:
+class RayHits:
     """First hits of R rays: distance (R,) float32 (``FAR_M`` where none), face (R,) int32 (``NO_FACE``), and u, v
     (R,) float32, the barycentric weights of the face's second and third corner."""
 
@@ -52,7 +52,7 @@ class RayTracer:
         directions: np.ndarray,
         limits: float | np.ndarray = FAR_M,
         asked: np.ndarray | None = None,
-    ) -> Hits:
+    ) -> RayHits:
         """First hit of every ray, or of the rays ``asked`` (K,), by index, alone.
 
         The others tell which rays a sensor casts as a whole: if it stands still, the first scene is asked only once.
@@ -79,7 +79,7 @@ class RayTracer:
 
     def _recalled(
         self, origin: np.ndarray, directions: np.ndarray, limit: float, asked: np.ndarray | None
-    ) -> Hits | None:
+    ) -> RayHits | None:
         """What the first scene answered to these rays before; None where that is not known."""
         if not self.scenes:
             return None
@@ -137,19 +137,19 @@ class RayTracer:
         return self._room.joined("normals", self.scenes, (3, 3), np.float32)
 
 
-def _as_hits(found: dict[str, np.ndarray], first_face: int) -> Hits:
+def _as_hits(found: dict[str, np.ndarray], first_face: int) -> RayHits:
     """Embree's answer as hits; a ray that met nothing keeps how far it was to go."""
-    hits = Hits(found["tfar"], found["primID"] + np.int32(first_face), found["u"], found["v"])
+    hits = RayHits(found["tfar"], found["primID"] + np.int32(first_face), found["u"], found["v"])
     hits.face[found["primID"] < 0] = NO_FACE
     return hits
 
 
-def _no_hits(limits: np.ndarray) -> Hits:
+def _no_hits(limits: np.ndarray) -> RayHits:
     """Rays that have met nothing yet; their distance is how far they may go."""
-    return Hits(limits.copy(), np.full(len(limits), NO_FACE, np.int32), np.zeros_like(limits), np.zeros_like(limits))
+    return RayHits(limits.copy(), np.full(len(limits), NO_FACE, np.int32), np.zeros_like(limits), np.zeros_like(limits))
 
 
-def _keep_nearer(hits: Hits, found: dict[str, np.ndarray], first_face: int, rows: np.ndarray) -> None:
+def _keep_nearer(hits: RayHits, found: dict[str, np.ndarray], first_face: int, rows: np.ndarray) -> None:
     """Enter what a scene's rays met into ``hits``; its ray k is ray rows[k] of all."""
     met = np.flatnonzero(found["primID"] >= 0)
     to = rows[met]

@@ -12,22 +12,22 @@ STEP = 2  # pixels between samples
 LEAST = F(0.12)  # some light gets everywhere
 
 
-def open_sky(tracer, camera, eye, rays, hits, enabled: bool, memory=None) -> np.ndarray:
+def ambient_visibility(tracer, camera, eye, rays, hits, enabled: bool, memory=None) -> np.ndarray:
     """(R,) float32 in [LEAST, 1]: the unblocked share of a cosine-weighted hemisphere within ``REACH_M``.
 
     ``memory`` (see ``RayTracer.shadows``) has a slot per pixel at its end, of which every fourth is needed.
     """
-    sky = np.ones(len(rays), np.float32)
+    visibility = np.ones(len(rays), np.float32)
     if not enabled:
-        return sky
+        return visibility
     rows, cols = -(-camera.height // STEP), -(-camera.width // STEP)
     origins, directions = np.empty((rows * cols, 3), np.float32), np.empty((rows * cols, 3), np.float32)
     _probe(eye, rays, hits.distance, hits.face, hits.u, hits.v, tracer.normals, camera.width, cols, origins, directions)
     slots = np.arange(len(origins)) - len(rays)
     free = ~tracer.shadowed(origins, directions, memory, slots).reshape(rows, cols)
     shape = (camera.height, camera.width)
-    _spread(free, hits.distance.reshape(shape), np.empty((rows, cols), np.float32), sky.reshape(shape))
-    return sky
+    _spread(free, hits.distance.reshape(shape), np.empty((rows, cols), np.float32), visibility.reshape(shape))
+    return visibility
 
 
 def _hemisphere(count: int = 16) -> np.ndarray:
@@ -73,14 +73,14 @@ def _probe(eye, rays, distance, face, bu, bv, normals, width, cols, origins, dir
 
 
 @numba.njit(cache=True, fastmath=True)
-def _spread(free, distance, average, sky):
+def _spread(free, distance, average, visibility):
     """Average each sample (rows, cols) with those of a similar depth around it; give pixels (H, W) the nearest one."""
     rows, cols = free.shape
     for r in range(rows):
         for c in range(cols):
             average[r, c] = _average(free, distance, r, c)
-    for y in range(sky.shape[0]):
-        for x in range(sky.shape[1]):
+    for y in range(visibility.shape[0]):
+        for x in range(visibility.shape[1]):
             r, c = y // STEP, x // STEP
             t = distance[y, x]
             if not _similar(distance[r * STEP, c * STEP], t):
@@ -89,7 +89,7 @@ def _spread(free, distance, average, sky):
                     c = right
                 elif _similar(distance[down * STEP, c * STEP], t):
                     r = down
-            sky[y, x] = LEAST + (F(1.0) - LEAST) * average[r, c]
+            visibility[y, x] = LEAST + (F(1.0) - LEAST) * average[r, c]
 
 
 @numba.njit(fastmath=True)

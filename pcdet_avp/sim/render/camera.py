@@ -9,9 +9,8 @@ import numpy as np
 
 from pcdet_avp.sim.rays.raytracer import RayTracer
 from pcdet_avp.sim.rays.shadow_cache import ray_slots
-from pcdet_avp.sim.render import image_sensor as film
-from pcdet_avp.sim.render import shading
-from pcdet_avp.sim.render.ambient_occlusion import open_sky
+from pcdet_avp.sim.render import image_sensor, shading
+from pcdet_avp.sim.render.ambient_occlusion import ambient_visibility
 from pcdet_avp.sim.render.lights import KEY, Lighting, draw_lighting, headlamps_of
 from pcdet_avp.structures.camera import PinholeCamera
 from pcdet_avp.structures.pose import Pose
@@ -65,14 +64,14 @@ def _fill_rays(m, width, rays):
 def _radiance(tracer, camera, eye, rays, hits, lighting) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Radiance (R, 3), depth (R,) and instance (R,). Bands of rows share the memory of the shadow rays."""
     count, band, lamps = len(rays), BAND_ROWS * camera.width, lighting.shadow_lamps
-    memory = tracer.shadows(eye, count * (lamps + 1))  # the last ``count`` slots are open_sky's
-    sky = open_sky(tracer, camera, eye, rays, hits, lighting.ambient_occlusion, memory)
+    memory = tracer.shadows(eye, count * (lamps + 1))  # the last ``count`` slots are ambient_visibility's
+    visibility = ambient_visibility(tracer, camera, eye, rays, hits, lighting.ambient_occlusion, memory)
     seen = np.empty((count, 3), np.float32), np.empty(count, np.float32), np.empty(count, np.int32)
     scene = _scene_tables(tracer, lighting)
     shadows = _shadow_buffers(band * lamps)
     for start in range(0, count, band):
         part = slice(start, start + band)
-        columns = tuple(a[part] for a in (rays, hits.distance, hits.face, hits.u, hits.v, sky))
+        columns = tuple(a[part] for a in (rays, hits.distance, hits.face, hits.u, hits.v, visibility))
         out = tuple(a[part] for a in seen)
         found = shading.shade(eye, camera.width, columns, *scene, lamps, out, shadows)
         origins, directions, pixel, arriving = (a[:found] for a in shadows)
@@ -108,5 +107,7 @@ def _developed(radiance, shape, lighting: Lighting, rng: np.random.Generator) ->
     gain = lighting.exposure * KEY / (MID_GREY * lighting.field.floor_light)
     seed = rng.integers(0, 2**64, dtype=np.uint64)
     noise = np.float32(lighting.read_noise), np.float32(lighting.shot_noise)
-    film.develop(radiance.reshape(*shape, 3), np.float32(gain), *noise, seed, film.tone_curve(lighting.gamma), image)
+    image_sensor.expose(
+        radiance.reshape(*shape, 3), np.float32(gain), *noise, seed, image_sensor.tone_curve(lighting.gamma), image
+    )
     return image

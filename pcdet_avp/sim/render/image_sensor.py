@@ -24,7 +24,7 @@ def tone_curve(gamma: float) -> np.ndarray:
 
 
 @numba.njit(cache=True, fastmath=True)
-def develop(radiance, gain, read_noise, shot_noise, seed, curve, image):
+def expose(radiance, gain, read_noise, shot_noise, seed, curve, image):
     """Fill image (H, W, 3) uint8 from radiance (H, W, 3).
 
     Noise: one 64-bit hash of (seed, pixel) yields three sums of three 7-bit numbers, each nearly normal with a

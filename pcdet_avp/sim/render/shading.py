@@ -96,12 +96,12 @@ def shade(eye, width, columns, tables, light, beams, beam_power, kept, seen, sha
     """Fill radiance, depth and instance of a band of pixels; list its shadow rays. Returns their number.
 
     eye (3,). width: pixels in a row. columns, by pixel: ray (R, 3), distance, face, u, v (R,) of its
-    hit, and open share of the sky (R,). tables, by face: instance, colors, materials, normals. light: origin, lamps,
+    hit, and ambient visibility (R,). tables, by face: instance, colors, materials, normals. light: origin, lamps,
     smooth, tint and height of a ``LightField``, and its unit. seen: radiance (R, 3), depth (R,), instance (R,).
     shadows, by shadow ray: origin (S, 3), direction (S, 3) that ends at the lamp, pixel (S,), and light (S, 3) that
     leaves the pixel if nothing is in between. sources: see ``kernel_cache``.
     """
-    rays, distance, face, bu, bv, sky = columns
+    rays, distance, face, bu, bv, visibility = columns
     instance_of, colors, materials, normals = tables
     origin, lamps, smooth, tint, ceiling, unit = light
     radiance, depth, instance = seen
@@ -135,7 +135,7 @@ def shade(eye, width, columns, tables, light, beams, beam_power, kept, seen, sha
             nx, ny, nz = _corner_normal(normals, f, bu[i], bv[i], dx, dy, dz)
         # Light from all around, less from below, and from far lamps.
         around, vx, vy, vz = smooth_light(px, py, origin, smooth)
-        free = sky[i] * (around * (F(0.75) + F(0.25) * nz) + max(nx * vx + ny * vy + nz * vz, ZERO))
+        free = visibility[i] * (around * (F(0.75) + F(0.25) * nz) + max(nx * vx + ny * vy + nz * vz, ZERO))
         # Direct light: the strongest lights become shadow rays; a share of the others goes with them.
         ci, cj = cell(px, py, origin, lamps.shape[0], lamps.shape[1])
         rest = direct_light(lamps, beams, beam_power, ci, cj, px, py, pz, nx, ny, nz, values)
@@ -147,7 +147,7 @@ def shade(eye, width, columns, tables, light, beams, beam_power, kept, seen, sha
             chosen[rays_here], strength[rays_here] = j, values[j]
             listed, rest, values[j] = listed + values[j], rest - values[j], ZERO
             rays_here += 1
-        free += max(rest, ZERO) * (UNSHADOWED_SHARE * sky[i] if kept > 0 else ONE)
+        free += max(rest, ZERO) * (UNSHADOWED_SHARE * visibility[i] if kept > 0 else ONE)
         for k in range(rays_here):
             value = strength[k] * (ONE + max(rest, ZERO) * (ONE - UNSHADOWED_SHARE) / listed)
             j, m, dither = chosen[k], chosen[k] - LAMPS_PER_CELL, _dither(i, width)
@@ -169,7 +169,7 @@ def shade(eye, width, columns, tables, light, beams, beam_power, kept, seen, sha
             count += 1
         mirror = ZERO
         if coat >= 0:
-            mirror = sky[i] * _coat(
+            mirror = visibility[i] * _coat(
                 coat, rough, origin, lamps, smooth, ceiling, px, py, pz, nx, ny, nz, dx, dy, dz
             )  # fmt: skip
         glow = ZERO

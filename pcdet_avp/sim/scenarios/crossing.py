@@ -1,13 +1,13 @@
 """Pedestrians who step out between parked vehicles (paper, section "Evaluations of Safety-Critical Scenarios").
 
-In a stretch of the road in front of the mast, a walker waits in every second gap or so, crosses the road once without
-noticing the ego, and goes into a gap on the other side. The walk is timed so that the walker would be in the middle
-of the ego's lane when the ego's front would arrive there at cruising speed, give or take 0.3 s.
+In a stretch of the road in front of the mast, a pedestrian waits in about every second gap, crosses the road once
+without noticing the ego, and goes into a gap on the other side. The walk is timed so that the pedestrian would be in
+the middle of the ego's lane when the ego's front would arrive there at cruising speed, shifted by up to 0.3 s.
 
 ``pedestrian_late`` hides them better and deeper: every bay begins, as the ego comes, with a pillar and a van whose
-tail stands out into the road, and the walker comes from close behind it; the rest of the bay are low cars, driven
-right in, over which the mast looks. Walkers come from the ego's right only: those from the left are seen early, and a
-car that they have slowed down proves nothing.
+tail stands out into the road, and the pedestrian comes from close behind it; the rest of the bay are low cars, driven
+right in, over which the mast looks. Pedestrians come from the ego's right only: those from the left are seen early, and
+a car that they have slowed down proves nothing.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ from pcdet_avp.sim.garage import LANE_WIDTH_M, GarageLayout
 from pcdet_avp.sim.layouts import GarageConfig, draw_layout
 from pcdet_avp.sim.meshes.pedestrian_spec import draw_pedestrian
 from pcdet_avp.sim.render.lights import Lighting, draw_lighting
+from pcdet_avp.sim.scenarios.pedestrian_paths import vehicle_gaps
 from pcdet_avp.sim.scenarios.scenario import SETTLE_S, Scenario, Threat, start_before
 from pcdet_avp.sim.scenarios.traffic import draw_parked
 from pcdet_avp.sim.scenarios.van_rows import Parked, places_behind_vans, vans_first
-from pcdet_avp.sim.scenarios.walkers import vehicle_gaps
 from pcdet_avp.sim.trajectories import Waypoints
 from pcdet_avp.structures.ego import EGO_LENGTH_M, EGO_WIDTH_M
 
 WALKING_MPS = {"adult": 1.5, "child": 2.0}  # paper
-GOES_IN_M = 2.3  # how far a walker goes into the gap on the other side
-Way = tuple[tuple[float, float], ...]
-STEP_ASIDE_M = 0.3  # what separates a walker who has left the ego's swath from it
+GOES_IN_M = 2.3  # how far a pedestrian goes into the gap on the other side
+Path2d = tuple[tuple[float, float], ...]
+STEP_ASIDE_M = 0.3  # what separates a pedestrian who has left the ego's swath from it
 
 
 @dataclass(frozen=True)
@@ -42,28 +42,28 @@ class CrossingConfig:
     garage: GarageConfig = field(default_factory=GarageConfig)
     stretch_x: tuple[float, float] = (-42.0, -18.0)  # where gaps are used, m before the mast
     occupancy: float = 0.9
-    sides: tuple[int, ...] = (-1, 1)  # of the road that walkers come from: the ego's right, its left
-    walker_share: float = 0.5  # of the gaps (paper)
+    sides: tuple[int, ...] = (-1, 1)  # of the road that pedestrians come from: the ego's right, its left
+    pedestrian_share: float = 0.5  # of the gaps (paper)
     child_share: float = 0.5
-    setback_m: tuple[float, float] = (1.8, 2.2)  # how deep inside the gap a walker waits
+    setback_m: tuple[float, float] = (1.8, 2.2)  # how deep inside the gap a pedestrian waits
     spread_s: float = 0.3  # of the arrival in the lane's middle
     vans_out_m: tuple[float, float] | None = None  # pedestrian_late: vans on the ego's side, so far out into the road
 
 
 @dataclass(frozen=True, eq=False)
 class Crossing:
-    """A walker: the path, the point of it in the middle of the ego's lane, and how late (s) the walker is there."""
+    """A pedestrian: the path, its point in the middle of the ego's lane, and how late (s) the pedestrian is there."""
 
-    walker: Pedestrian
+    pedestrian: Pedestrian
     meet_x: float
     meet_after_m: float  # of the path
     clear_after_m: float
-    late_s: float
+    arrival_offset_s: float
 
 
 @dataclass(frozen=True, eq=False)
 class CrossingPlan:
-    """What does not depend on the ego's speed: garage, parked vehicles, walkers; drawn once for all speeds."""
+    """What does not depend on the ego's speed: garage, parked vehicles, pedestrians; drawn once for all speeds."""
 
     layout: GarageLayout
     lighting: Lighting
@@ -72,20 +72,20 @@ class CrossingPlan:
     crossings: tuple[Crossing, ...]
 
 
-def crossing_episode(name: str, cfg: CrossingConfig, seed: int, trial: int, cruising: float) -> Scenario:
+def crossing_episode(name: str, cfg: CrossingConfig, seed: int, trial: int, cruising_mps: float) -> Scenario:
     """One episode; plan and timing follow from ``seed`` and ``trial``, whatever the speed."""
     plan = draw_plan(cfg, seed, trial)
-    threats = tuple(_threat(crossing, cruising) for crossing in plan.crossings)
+    threats = tuple(_threat(crossing, cruising_mps) for crossing in plan.crossings)
     earliest = min(threat.release_x for threat in threats)
-    start_x = start_before(plan.layout, min(plan.first_gap_x - SETTLE_S * cruising, earliest), name, cruising)
-    last_x = max(x for crossing in plan.crossings for x, _ in crossing.walker.trajectory.points)
+    start_x = start_before(plan.layout, min(plan.first_gap_x - SETTLE_S * cruising_mps, earliest), name, cruising_mps)
+    last_x = max(x for crossing in plan.crossings for x, _ in crossing.pedestrian.trajectory.points)
     return Scenario(
         name=name,
         trial=trial,
         seed_key=(seed, trial),
-        cruising=cruising,
+        cruising_mps=cruising_mps,
         layout=plan.layout,
-        actors=(*plan.parked.values(), *(crossing.walker for crossing in plan.crossings)),
+        actors=(*plan.parked.values(), *(crossing.pedestrian for crossing in plan.crossings)),
         lighting=plan.lighting,
         ego_start_x=start_x,
         threats=threats,
@@ -94,16 +94,16 @@ def crossing_episode(name: str, cfg: CrossingConfig, seed: int, trial: int, crui
     )
 
 
-def _threat(crossing: Crossing, cruising: float) -> Threat:
+def _threat(crossing: Crossing, cruising_mps: float) -> Threat:
     """Released when the ego's front comes within v_c times the time to walk to the lane's middle, given or taken."""
-    walking_s = crossing.meet_after_m / crossing.walker.trajectory.speed
-    release_x = crossing.meet_x - cruising * (walking_s - crossing.late_s)
-    return Threat(crossing.walker.object_id, crossing.clear_after_m, release_x)
+    walking_s = crossing.meet_after_m / crossing.pedestrian.trajectory.speed
+    release_x = crossing.meet_x - cruising_mps * (walking_s - crossing.arrival_offset_s)
+    return Threat(crossing.pedestrian.object_id, crossing.clear_after_m, release_x)
 
 
 @lru_cache(maxsize=4)
 def draw_plan(cfg: CrossingConfig, seed: int, trial: int) -> CrossingPlan:
-    """Draw until at least one gap holds a walker."""
+    """Draw until at least one gap holds a pedestrian."""
     rng = np.random.default_rng(np.random.SeedSequence([seed, trial]))
     while True:
         layout = draw_layout(rng, cfg.garage)
@@ -114,7 +114,7 @@ def draw_plan(cfg: CrossingConfig, seed: int, trial: int) -> CrossingPlan:
         crossings = [
             _draw_crossing(rng, cfg, layout, gap, len(parked) + k)
             for k, gap in enumerate(gaps)
-            if rng.random() < cfg.walker_share
+            if rng.random() < cfg.pedestrian_share
         ]
         if crossings:
             lighting = draw_lighting(layout.lamps, rng)
@@ -122,7 +122,7 @@ def draw_plan(cfg: CrossingConfig, seed: int, trial: int) -> CrossingPlan:
 
 
 def _used_gaps(cfg: CrossingConfig, layout: GarageLayout, parked: Parked) -> np.ndarray:
-    """(G, 3) x, y, heading of the places where walkers come out of the gaps in the stretch."""
+    """(G, 3) x, y, heading of the places where pedestrians come out of the gaps in the stretch."""
     gaps = places_behind_vans(layout, parked) if cfg.vans_out_m else vehicle_gaps(layout, parked)
     here = (gaps[:, 0] >= cfg.stretch_x[0]) & (gaps[:, 0] <= cfg.stretch_x[1])
     return gaps[here & np.isin(np.sign(gaps[:, 1]), cfg.sides)]
@@ -135,12 +135,14 @@ def _draw_crossing(rng, cfg: CrossingConfig, layout: GarageLayout, gap: np.ndarr
     points = _way_across(layout, gap, float(rng.uniform(*cfg.setback_m)), max(cfg.vans_out_m or (0.0,)))
     clear_y = layout.lane_y - np.sign(gap[1]) * (EGO_WIDTH_M / 2 + spec.box_side / 2 + STEP_ASIDE_M)
     meet_x, meet_after_m = _at_y(points, layout.lane_y)
-    late_s = float(rng.uniform(-cfg.spread_s, cfg.spread_s))
-    walker = Pedestrian(object_id, spec, Waypoints(points, WALKING_MPS[kind], start_s=float("inf")))  # until released
-    return Crossing(walker, meet_x, meet_after_m, _at_y(points, clear_y)[1], late_s)
+    arrival_offset_s = float(rng.uniform(-cfg.spread_s, cfg.spread_s))
+    pedestrian = Pedestrian(
+        object_id, spec, Waypoints(points, WALKING_MPS[kind], start_s=float("inf"))
+    )  # until released
+    return Crossing(pedestrian, meet_x, meet_after_m, _at_y(points, clear_y)[1], arrival_offset_s)
 
 
-def _way_across(layout: GarageLayout, gap: np.ndarray, setback_m: float, vans_out_m: float) -> Way:
+def _way_across(layout: GarageLayout, gap: np.ndarray, setback_m: float, vans_out_m: float) -> Path2d:
     """Straight out until past the ends of parked vehicles, over to the other side's, and straight in."""
     x, side = float(gap[0]), float(np.sign(gap[1]))
     across = layout.slot_gaps()
@@ -150,7 +152,7 @@ def _way_across(layout: GarageLayout, gap: np.ndarray, setback_m: float, vans_ou
     return (x, ends[0]), (x, edge), (there_x, -edge), (there_x, ends[1])
 
 
-def _at_y(points: Way, y: float) -> tuple[float, float]:
+def _at_y(points: Path2d, y: float) -> tuple[float, float]:
     """x where a way that never turns back in y comes to ``y``, and the distance walked until then."""
     xs, ys = np.array(points).T
     walked = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(xs), np.diff(ys)))])

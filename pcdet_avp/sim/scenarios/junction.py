@@ -49,23 +49,23 @@ class JunctionPlan:
     junction: JunctionMap
     enters_m: float  # of its path, when it first reaches into the ego's swath
     leaves_m: float  # ... and when it has left it
-    late_s: float
+    arrival_offset_s: float
 
 
-def junction_episode(name: str, cfg: JunctionConfig, seed: int, trial: int, cruising: float) -> Scenario:
+def junction_episode(name: str, cfg: JunctionConfig, seed: int, trial: int, cruising_mps: float) -> Scenario:
     """One episode; plan and timing follow from ``seed`` and ``trial``, whatever the speed."""
     plan = draw_plan(cfg, seed, trial)
     zone_x = plan.junction.zone_x
-    start_x = start_before(plan.layout, zone_x[0] - SETTLE_S * cruising, name, cruising)
-    start_s = SETTLE_S + plan.late_s - plan.enters_m / cruising
+    start_x = start_before(plan.layout, zone_x[0] - SETTLE_S * cruising_mps, name, cruising_mps)
+    start_s = SETTLE_S + plan.arrival_offset_s - plan.enters_m / cruising_mps
     other = Car(
-        1 + max(car.object_id for car in plan.parked), plan.spec, Route(plan.path, cruising, start_s), lamps_on=True
+        1 + max(car.object_id for car in plan.parked), plan.spec, Route(plan.path, cruising_mps, start_s), lamps_on=True
     )
     return Scenario(
         name=name,
         trial=trial,
         seed_key=(seed, trial),
-        cruising=cruising,
+        cruising_mps=cruising_mps,
         layout=plan.layout,
         actors=(*plan.parked, other),
         lighting=plan.lighting,
@@ -74,7 +74,7 @@ def junction_episode(name: str, cfg: JunctionConfig, seed: int, trial: int, crui
         first_x=zone_x[0],
         end_x=zone_x[1] + EGO_LENGTH_M,
         junction=plan.junction,
-        max_lateral_acceleration=cruising**2 * max(abs(segment.curvature) for segment in plan.path.segments),
+        max_lateral_acceleration_mps2=cruising_mps**2 * max(abs(segment.curvature) for segment in plan.path.segments),
     )
 
 
@@ -88,9 +88,11 @@ def draw_plan(cfg: JunctionConfig, seed: int, trial: int) -> JunctionPlan:
     distance, footprints = swept(path, spec.size)
     inside = (footprints[..., 1].max(1) >= junction.swath_y[0]) & (footprints[..., 1].min(1) <= junction.swath_y[1])
     reached = distance[np.flatnonzero(inside)[[0, -1]]]
-    late_s = float(rng.uniform(-cfg.spread_s, cfg.spread_s))
+    arrival_offset_s = float(rng.uniform(-cfg.spread_s, cfg.spread_s))
     lighting = draw_lighting(layout.lamps, rng)
-    return JunctionPlan(layout, lighting, tuple(parked.values()), spec, path, junction, *map(float, reached), late_s)
+    return JunctionPlan(
+        layout, lighting, tuple(parked.values()), spec, path, junction, *map(float, reached), arrival_offset_s
+    )
 
 
 def _hiding_row(rng: np.random.Generator, cfg: JunctionConfig, layout: GarageLayout) -> dict[Slot, Car]:

@@ -16,7 +16,7 @@ from pcdet_avp.sim.scenarios.junction_map import JunctionMap
 from pcdet_avp.sim.world import World
 from pcdet_avp.structures.ego import EGO_LENGTH_M
 
-SETTLE_S = 6.0  # the ego cruises at least so long before the first gap or zone; walkers on a shorter one start late
+SETTLE_S = 6.0  # the ego cruises at least so long before the first gap or zone; pedestrians on a shorter one start late
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Scenario:
     name: str
     trial: int
     seed_key: tuple[int, ...]  # of all further randomness: the same for every combination and perception
-    cruising: float  # v_c, m/s
+    cruising_mps: float  # v_c, m/s
     layout: GarageLayout
     actors: tuple[Actor, ...]
     lighting: Lighting
@@ -48,7 +48,7 @@ class Scenario:
     first_x: float  # where the first gap, or the conflict zone, begins
     end_x: float  # where the ego's front is when it has passed everybody
     junction: JunctionMap | None = None  # None: vehicles are ignored
-    max_lateral_acceleration: float = 0.0  # m/s2, of the vehicle on rails
+    max_lateral_acceleration_mps2: float = 0.0  # m/s2, of the vehicle on rails
 
     def world(self) -> World:
         """A garage at time 0 with everybody in place and the ego at its start."""
@@ -57,11 +57,11 @@ class Scenario:
         return world
 
 
-def start_before(layout: GarageLayout, front_x: float, name: str, cruising: float) -> float:
+def start_before(layout: GarageLayout, front_x: float, name: str, cruising_mps: float) -> float:
     """Centre x of an ego whose front starts at ``front_x``; ConfigError if that is beyond the road's far end."""
     centre = front_x - EGO_LENGTH_M / 2
     if centre - EGO_LENGTH_M / 2 < layout.road_start_x:
         raise ConfigError(
-            f"{name}: {SETTLE_S:g} s of approach at {cruising:g} m/s do not fit the road; choose a lower speed"
+            f"{name}: {SETTLE_S:g} s of approach at {cruising_mps:g} m/s do not fit the road; choose a lower speed"
         )
     return centre

@@ -29,10 +29,10 @@ SCENARIOS: dict[str, Callable[[int, int, float], Scenario]] = {
 }
 
 
-def draw_scenario(name: str, seed: int, trial: int, cruising: float) -> Scenario:
+def draw_scenario(name: str, seed: int, trial: int, cruising_mps: float) -> Scenario:
     """One episode's blueprint; its plan is the same at every speed. ConfigError for an unknown name or a bad speed."""
     if name not in SCENARIOS:
         raise ConfigError(f"unknown scenario {name!r}; known: {', '.join(SCENARIOS)}")
-    if not (math.isfinite(cruising) and cruising > 0):
-        raise ConfigError(f"speed: expected more than 0 m/s, found {cruising}")
-    return SCENARIOS[name](seed, trial, cruising)
+    if not (math.isfinite(cruising_mps) and cruising_mps > 0):
+        raise ConfigError(f"speed: expected more than 0 m/s, found {cruising_mps}")
+    return SCENARIOS[name](seed, trial, cruising_mps)

@@ -16,13 +16,19 @@ from pcdet_avp.sim.layouts import GarageConfig, check_ranges, draw_layout
 from pcdet_avp.sim.meshes.car_spec import CarSpec, draw_car
 from pcdet_avp.sim.meshes.pedestrian_spec import draw_pedestrian
 from pcdet_avp.sim.render.lights import draw_lighting
+from pcdet_avp.sim.scenarios.pedestrian_paths import (
+    draw_along,
+    draw_crossing,
+    draw_in_gap,
+    draw_on_side_road,
+    vehicle_gaps,
+)
 from pcdet_avp.sim.scenarios.reservations import Reservations
 from pcdet_avp.sim.scenarios.traffic import draw_junction_route, draw_lane_route, draw_parked
-from pcdet_avp.sim.scenarios.walkers import draw_along, draw_crossing, draw_in_gap, draw_on_side_road, vehicle_gaps
 from pcdet_avp.sim.trajectories import Path, Route, Trajectory
 from pcdet_avp.sim.world import EGO_SPEC, World
 
-CAR_MARGIN_M, WALKER_MARGIN_M = 0.3, 0.12
+CAR_MARGIN_M, PEDESTRIAN_MARGIN_M = 0.3, 0.12
 TRIES = 30  # a road user that finds no free floor this often is left out
 STEPS_PER_FRAME = 5  # overlap is checked this often per frame interval
 
@@ -49,7 +55,7 @@ class SceneConfig:
         EgoZone(0.15, (2.0, 14.0), 0.42),
         EgoZone(0.10, (44.0, 110.0), 0.1),
     )
-    ego_speed_m_s: tuple[float, float] = (1.0, 5.0)
+    ego_speed_mps: tuple[float, float] = (1.0, 5.0)
     occupancy: tuple[float, float] = (0.6, 0.92)  # share of the slots that hold a car
     gap_depth_m: float = 2.0  # people stand up to this far behind the mouth of a gap, most of them in its first half
     view_m: float = 44.8  # people and driving cars are drawn up to here before the ego
@@ -99,7 +105,7 @@ def draw_training_scene(rng: np.random.Generator, cfg: SceneConfig | None = None
 def _draw_ego(rng, cfg: SceneConfig, layout: GarageLayout, zone: EgoZone, duration: float) -> Route:
     """Straight on in the ego's lane, a little off its middle; all frames lie inside the zone, more in its far part."""
     near, far = zone.before_mast_m
-    way = min(rng.uniform(*cfg.ego_speed_m_s) * duration, 0.9 * (far - near))
+    way = min(rng.uniform(*cfg.ego_speed_mps) * duration, 0.9 * (far - near))
     x = -(near + way + (far - near - way) * rng.beta(1.5, 1.0))
     y, yaw = np.clip(rng.normal(0, 0.1), -0.25, 0.25), np.clip(rng.normal(0, 0.008), -0.02, 0.02)
     speed = way / duration if duration > 0 else 0.0
@@ -131,11 +137,11 @@ class _Cast:
         gaps = vehicle_gaps(layout, self.parked)
         gaps = gaps[(gaps[:, 0] > self.x_range[0]) & (gaps[:, 0] < self.x_range[1])]
         if len(gaps):
-            self._add_people(cfg.in_gap, lambda: draw_in_gap(rng, gaps[rng.integers(len(gaps))], cfg.gap_depth_m))
-        self._add_people(cfg.crossing, lambda: draw_crossing(rng, self._x()))
-        self._add_people(cfg.along, lambda: draw_along(rng, self._x()))
+            self._add_pedestrians(cfg.in_gap, lambda: draw_in_gap(rng, gaps[rng.integers(len(gaps))], cfg.gap_depth_m))
+        self._add_pedestrians(cfg.crossing, lambda: draw_crossing(rng, self._x()))
+        self._add_pedestrians(cfg.along, lambda: draw_along(rng, self._x()))
         if self.x_range[1] > layout.junction_x:
-            self._add_people(cfg.on_side_road, lambda: draw_on_side_road(rng, layout))
+            self._add_pedestrians(cfg.on_side_road, lambda: draw_on_side_road(rng, layout))
         return self.actors
 
     def _x(self) -> float:
@@ -147,10 +153,10 @@ class _Cast:
         if trajectory is not None:
             self.actors.append(Car(len(self.actors), spec, trajectory, lamps_on=True))
 
-    def _add_people(self, count: tuple[int, int], draw: Callable[[], Trajectory]) -> None:
+    def _add_pedestrians(self, count: tuple[int, int], draw: Callable[[], Trajectory]) -> None:
         for _ in range(self.rng.integers(count[0], count[1] + 1)):
             spec = draw_pedestrian(self.rng)
-            trajectory = self._placed(draw, spec, WALKER_MARGIN_M)
+            trajectory = self._placed(draw, spec, PEDESTRIAN_MARGIN_M)
             if trajectory is not None:
                 self.actors.append(Pedestrian(len(self.actors), spec, trajectory))
 

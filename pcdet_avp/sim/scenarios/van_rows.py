@@ -17,7 +17,7 @@ from pcdet_avp.sim.scenarios.traffic import SLOT_CLEARANCE_M
 from pcdet_avp.sim.trajectories import Standing
 
 Parked = dict[Slot, Car]
-CLOSE_BEHIND_M = 0.4  # of a walker's middle from the van's flank
+CLOSE_BEHIND_M = 0.4  # of a pedestrian's middle from the van's flank
 
 
 def vans_first(rng: np.random.Generator, out_m: tuple[float, float], layout: GarageLayout, parked: Parked) -> Parked:

@@ -19,10 +19,10 @@ SETTINGS = PerceiverSettings(CFG)
 
 
 def look(scenes, place, combo, wall=None):
-    """What ``los`` finds of a walker who stands at (metres ahead of the bumper, metres to the left)."""
+    """What ``los`` finds of a pedestrian who stands at (metres ahead of the bumper, metres to the left)."""
     walls = [wall] if wall else []
     ahead, left = place
-    scenario = scenes.scene(scenes.walker([place, (ahead, left + 1)], start_s=99.0), layout=scenes.hall(*walls))
+    scenario = scenes.scene(scenes.pedestrian([place, (ahead, left + 1)], start_s=99.0), layout=scenes.hall(*walls))
     world, eye = scenario.world(), LineOfSight(SETTINGS)
     world.set_ego(-35.0, scenes.LANE_Y, 0.0)  # its bumper 25 m on
     eye.begin(scenario, ())
@@ -33,7 +33,7 @@ BESIDE = Wall(-22.0, -4.0, -22.0, -10.0, height=3.0)  # hides what stands to the
 
 
 @pytest.mark.parametrize("combo", SENSOR_SETS)
-def test_in_the_open_every_combination_finds_a_walker_where_it_stands(scenes, combo):
+def test_in_the_open_every_combination_finds_a_pedestrian_where_it_stands(scenes, combo):
     found = look(scenes, (35.0, -3.0), combo)
     assert found.names.tolist() == ["Pedestrian"]
     np.testing.assert_allclose(found.boxes[0, :2], [10.0 + 2.4, -3.0], atol=1e-9)
@@ -60,7 +60,7 @@ def test_beyond_the_map_nobody_is_found(scenes):
 
 
 def test_oracle_looks_through_walls_and_blind_sees_nothing(scenes):
-    scenario = scenes.scene(scenes.crossing_walker(35.0, 0.0), layout=scenes.hall(BESIDE))
+    scenario = scenes.scene(scenes.crossing_pedestrian(35.0, 0.0), layout=scenes.hall(BESIDE))
     world = scenario.world()
     assert len(Oracle(SETTINGS).perceive(world, 0, SensorSet.parse("C+none")).boxes) == 1
     assert len(Blind().perceive(world, 0, SensorSet.parse("CL+CL")).boxes) == 0
@@ -75,7 +75,7 @@ def test_oracle_and_blind_build_no_mesh(scenes, monkeypatch):
 
     monkeypatch.setattr(world, "TriangleScene", no_mesh)
     for perceiver in (Oracle(SETTINGS), Blind()):
-        run_episode(scenes.scene(scenes.crossing_walker(20.0, 4.0)), perceiver, SensorSet.parse("CL+CL"))
+        run_episode(scenes.scene(scenes.crossing_pedestrian(20.0, 4.0)), perceiver, SensorSet.parse("CL+CL"))
 
 
 def test_an_unknown_perception_lists_the_known_ones():

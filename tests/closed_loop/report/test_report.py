@@ -15,11 +15,11 @@ from pcdet_avp.errors import EvaluationError
 from pcdet_avp.evaluation.paper import paper_tables
 
 NUMBERS = {
-    "impact_speed": 0.0,
+    "impact_speed_mps": 0.0,
     "min_distance_m": 1.5,
     "min_ttc_s": "inf",
-    "hardest_deceleration": 4.0,
-    "mean_speed": 2.5,
+    "hardest_deceleration_mps2": 4.0,
+    "mean_speed_mps": 2.5,
     "false_brake_share": 0.04,
     "first_detection_m": 14.0,
     "missed_outside": 0,

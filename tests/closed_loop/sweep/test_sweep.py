@@ -109,7 +109,7 @@ def test_the_summary_counts_what_the_episodes_say(reference):
         own = [r for r in rows if (r["perception"], float(r["speed"])) == (cell["perception"], cell["speed"])]
         assert cell["trials"] == len(own) == 3
         assert cell["crashes"] == cell["front"] == sum(r["outcome"] == "front" for r in own)
-        assert cell["mean_speed"] == pytest.approx(sum(float(r["mean_speed"]) for r in own) / 3, rel=1e-4)
+        assert cell["mean_speed_mps"] == pytest.approx(sum(float(r["mean_speed_mps"]) for r in own) / 3, rel=1e-4)
         assert 0.0 <= cell["ci95"][0] <= cell["crashes"] / 3 <= cell["ci95"][1] <= 1.0
     oracle = next(entry for entry in found["max_safe_speed"] if entry["perception"] == "oracle")
     assert oracle["speed"] == 8.0
@@ -124,18 +124,18 @@ def test_the_summary_names_all_commands_that_went_on_with_a_folder(reference, tm
     assert (meta["command"], meta["commands"]) == ("a", ["a", "b"])
 
 
-def test_a_walker_in_the_side_is_no_crash_but_a_vehicle_is(reference):
+def test_a_pedestrian_in_the_side_is_no_crash_but_a_vehicle_is(reference):
     rows = [entry[0] for entry in Journal(reference).finished.values()][:1]
-    walker = replace(rows[0], outcome="side")
-    vehicle = replace(walker, scenario="t_junction")
-    assert (walker.crashed, vehicle.crashed) == (False, True)
-    cell = summary([walker])["cells"][0]
+    pedestrian = replace(rows[0], outcome="side")
+    vehicle = replace(pedestrian, scenario="t_junction")
+    assert (pedestrian.crashed, vehicle.crashed) == (False, True)
+    cell = summary([pedestrian])["cells"][0]
     assert (cell["crashes"], cell["side"]) == (0, 1)
-    assert "0/1" in crash_table([cell], [walker.speed])
+    assert "0/1" in crash_table([cell], [pedestrian.speed])
 
 
 def test_cases_are_paired(in_this_process):
-    """Trial 1 of blind, at any speed and with any combination's name, meets the same first walker at the same place."""
+    """Trial 1 of blind, at any speed and with any combination's name, meets the same pedestrian at the same place."""
     rows = [
         run_case(asked(perception="blind").job(Case("pedestrian", "blind", combo, speed, 1)))[0]
         for combo in ("C+none", "CL+CL")

@@ -1,4 +1,4 @@
-"""Films of episodes: time can be turned back, and what is drawn lies where it stood."""
+"""Videos of episodes: time can be turned back, and what is drawn lies where it stood."""
 
 import cv2
 import numpy as np
@@ -8,7 +8,7 @@ from pcdet_avp.closed_loop.episode_log import ROW_FIELDS, EpisodeRow
 from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
 from pcdet_avp.closed_loop.perception.oracle import Oracle
 from pcdet_avp.closed_loop.perception.perceiver import Perceived, PerceiverSettings
-from pcdet_avp.closed_loop.video import video as film
+from pcdet_avp.closed_loop.video import video
 from pcdet_avp.closed_loop.video.episode_picture import (
     ALONE_COLOR,
     BEHIND_M,
@@ -41,8 +41,8 @@ class WithRoadsideOnly:
     def begin(self, scenario, seed_key):
         self.oracle.begin(scenario, seed_key)
 
-    def perceive(self, world, tick, combo):
-        return self.oracle.perceive(world, tick, combo) if combo.uses_infra else Perceived.nothing()
+    def perceive(self, world, tick, sensor_set):
+        return self.oracle.perceive(world, tick, sensor_set) if sensor_set.uses_infra else Perceived.nothing()
 
 
 @pytest.fixture(scope="module")
@@ -51,12 +51,12 @@ def recording():
 
 
 def test_a_recorded_world_shows_at_every_tick_what_was_seen_then(recording):
-    """Walkers are released while the episode runs, between ticks; the replay knows when."""
+    """Pedestrians are released while the episode runs, between ticks; the replay knows when."""
     oracle, log = Oracle(PerceiverSettings(TINY)), recording.log
     awake = [k for k, seen in enumerate(log.perceived) if seen is not None]
     assert len(awake) > 50
     for tick in [*awake[::7], awake[3]]:  # and back again
-        again = oracle.perceive(recording.seek(tick), tick, recording.combo)
+        again = oracle.perceive(recording.seek(tick), tick, recording.sensor_set)
         np.testing.assert_allclose(again.boxes, log.perceived[tick].boxes, atol=1e-9)
 
 
@@ -66,15 +66,15 @@ def test_the_car_alone_is_asked_at_the_same_ticks(recording):
 
 
 def test_what_the_car_alone_would_have_wanted_is_to_go_on(recording):
-    pictures = film.Film(recording, None, "t", EpisodeSettings())
+    pictures = video.EpisodeVideo(recording, None, "t", EpisodeSettings())
     assert set(pictures._targets_alone(EpisodeSettings())) == {8.0}
     assert recording.log.targets.min() < 8.0
 
 
 def test_what_the_policy_ignores_is_drawn_apart(recording):
-    """Walkers are heeded, parked cars are not."""
+    """Pedestrians are heeded, parked cars are not."""
     seen = next(seen for seen in recording.log.perceived if seen is not None)
-    heeded, ignored = film.Film(recording, None, "t", EpisodeSettings())._in_world(seen, Pose.identity())
+    heeded, ignored = video.EpisodeVideo(recording, None, "t", EpisodeSettings())._in_world(seen, Pose.identity())
     assert set(seen.names) == {"Pedestrian", "Car"}
     np.testing.assert_array_equal(heeded, seen.boxes[seen.names == "Pedestrian"])
     np.testing.assert_array_equal(ignored, seen.boxes[seen.names == "Car"])
@@ -82,20 +82,24 @@ def test_what_the_policy_ignores_is_drawn_apart(recording):
 
 def test_a_turning_car_is_heeded_until_it_has_cleared_the_lane():
     junction = record_episode(draw_scenario("t_junction", 0, 1, 8.0), WithRoadsideOnly(), SensorSet.parse("C+CL"))
-    pictures, oracle, heeded = film.Film(junction, None, "t", EpisodeSettings()), Oracle(PerceiverSettings(TINY)), []
+    pictures, oracle, heeded = (
+        video.EpisodeVideo(junction, None, "t", EpisodeSettings()),
+        Oracle(PerceiverSettings(TINY)),
+        [],
+    )
     awake = [tick for tick, seen in enumerate(junction.log.perceived) if seen is not None]
     for tick in (awake[0], awake[-1] + 1):  # perception sleeps once nobody is in the way
         world = junction.seek(tick)
-        seen = oracle.perceive(world, tick, junction.combo)
+        seen = oracle.perceive(world, tick, junction.sensor_set)
         heeded.append(len(pictures._in_world(seen, world.world_from_ego)[0]))
     assert heeded == [1, 0]
 
 
 def test_a_film_shows_every_second_tick_up_to_the_last_and_holds_it(tmp_path, monkeypatch):
-    monkeypatch.setattr(film.Film, "ticks", lambda self: range(120, 125))
-    monkeypatch.setattr(film, "HOLD_S", 0.2)
+    monkeypatch.setattr(video.EpisodeVideo, "ticks", lambda self: range(120, 125))
+    monkeypatch.setattr(video, "HOLD_S", 0.2)
     scenario, file = draw_scenario("t_junction", 0, 1, 8.0), tmp_path / "a.mp4"
-    log = film.film_episode(scenario, WithRoadsideOnly(), SensorSet.parse("C+CL"), TINY, file, "t")
+    log = video.write_episode_video(scenario, WithRoadsideOnly(), SensorSet.parse("C+CL"), TINY, file, "t")
     assert log.outcome == "none"
     capture, images = cv2.VideoCapture(str(file)), []
     while (got := capture.read())[0]:
@@ -111,11 +115,11 @@ def test_detections_are_ringed_at_their_metres_on_the_map():
     strip = TimeStrip(1440, 162, np.array([0.0, 1.0]), [Curve("v", np.ones(2), (255, 255, 255))], 2.0, "m/s")
     ego = AgentView(Pose.from_xyz_yaw(-50.0, -1.7), None, None)
     infra = AgentView(Pose.from_xyz_yaw(0.0, 0.0, yaw=np.pi), None, None)
-    walker, other = (np.array([[x, y, 0.9, 0.4, 0.4, 1.8, 0.0]]) for x, y in ((-40.0, 2.0), (-30.0, 0.0)))
-    moment = Moment(0.5, ego, infra, np.zeros((0, 7)), walker, other, np.zeros((0, 7)))
+    pedestrian, other = (np.array([[x, y, 0.9, 0.4, 0.4, 1.8, 0.0]]) for x, y in ((-40.0, 2.0), (-30.0, 0.0)))
+    moment = Moment(0.5, ego, infra, np.zeros((0, 7)), pedestrian, other, np.zeros((0, 7)))
     image = EpisodePainter(plan, 100.0, strip, "t", uses_infra=True).picture(moment)
     floor = image[: MAP_PX[1] - 100, -MAP_PX[0] :]  # without the legend
-    for color, box in ((FUSED_COLOR, walker[0]), (ALONE_COLOR, other[0])):
+    for color, box in ((FUSED_COLOR, pedestrian[0]), (ALONE_COLOR, other[0])):
         rows, columns = np.nonzero(np.abs(floor.astype(int) - color).max(-1) < 30)
         assert columns.mean() == pytest.approx((box[0] + 50.0 + BEHIND_M) * MAP_SCALE, abs=2)
         assert rows.mean() == pytest.approx(MAP_PX[1] - (box[1] - FAR_RIGHT_Y_M) * MAP_SCALE, abs=2)

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pcdet_avp.engine.testing.detect import Found, as_scalars, driving_thresholds, parse_combos
+from pcdet_avp.engine.testing.detect import DetectionRun, as_scalars, driving_thresholds, parse_combos
 from pcdet_avp.errors import SensorError
 from pcdet_avp.evaluation import Detections, GroundTruth, Region
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
@@ -33,7 +33,7 @@ def _detections(scores, offsets):
 def test_one_threshold_serves_all_combinations():
     # Alone, the first would keep all above 0.9, the second all above 0.2. Together: at 0.9, one of two cars found and
     # none false, F1 = 2/3; at 0.5, one false more, 2/4... at 0.2, both found, one false: 4/5.
-    found = Found({"C+none": _detections([0.9, 0.5], [0, 15]), "CL+CL": _detections([0.2], [0])}, {})
+    found = DetectionRun({"C+none": _detections([0.9, 0.5], [0, 15]), "CL+CL": _detections([0.2], [0])}, {})
     truth = GroundTruth("s/0", CAR, np.array(["Car"]), np.array([0]))
     dataset = SimpleNamespace(
         ground_truths=lambda: [truth], regions=lambda: [Region.full_range()], class_names=["Car", "Pedestrian"]
@@ -42,7 +42,7 @@ def test_one_threshold_serves_all_combinations():
 
 
 def test_bytes_are_means_over_the_maps_sent():
-    found = Found({}, {"C+CL": {"camera": [10, 20], "lidar": [7]}, "C+none": {}})
+    found = DetectionRun({}, {"C+CL": {"camera": [10, 20], "lidar": [7]}, "C+none": {}})
     assert found.bytes_per_map("C+CL") == {"camera": 15.0, "lidar": 7.0}
     assert found.bytes_per_map("C+none") == {}
 

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from pcdet_avp.engine import checkpoint
-from pcdet_avp.engine.training.loop import Keeper, train
+from pcdet_avp.engine.training.loop import CheckpointSaver, train
 from pcdet_avp.engine.training.run_state import restore_run
 from pcdet_avp.engine.training.time_budget import WARM_UP, TimeBudget
 from pcdet_avp.errors import TrainingError
@@ -28,9 +28,9 @@ def _child(toy, folder):
     if found:
         restore_run(trainer, found[1], str(found[0]))
     (folder / f"began_at_{trainer.iteration}").touch()
-    keeper = Keeper(folder, {}, epoch_interval=10, time_interval_s=3 * STEP_S)
+    saver = CheckpointSaver(folder, {}, epoch_interval=10, time_interval_s=3 * STEP_S)
     try:
-        train(trainer, _slowly(toy.make_batches(trainer)), keeper, toy.silent())
+        train(trainer, _slowly(toy.make_batches(trainer)), saver, toy.silent())
     except KeyboardInterrupt:
         sys.exit(130)
 
@@ -70,7 +70,7 @@ def _stop_in_the_middle(toy, folder, number, exit_code):
 
 def test_a_run_killed_then_interrupted_ends_with_the_weights_of_one_that_never_stopped(tmp_path, toy):
     straight = toy.make_trainer(planned=60)
-    train(straight, toy.make_batches(straight), Keeper(tmp_path / "a", {}, epoch_interval=10), toy.silent())
+    train(straight, toy.make_batches(straight), CheckpointSaver(tmp_path / "a", {}, epoch_interval=10), toy.silent())
     folder = tmp_path / "b"
     _stop_in_the_middle(toy, folder, signal.SIGKILL, -signal.SIGKILL)
     _stop_in_the_middle(toy, folder, signal.SIGINT, 130)
@@ -82,8 +82,8 @@ def test_a_run_killed_then_interrupted_ends_with_the_weights_of_one_that_never_s
 
 def test_epochs_are_kept_at_their_interval_with_what_they_are_about(tmp_path, toy):
     trainer = toy.make_trainer(planned=23)
-    keeper = Keeper(tmp_path, {"config": {"A": 1}}, epoch_interval=5)
-    train(trainer, toy.make_batches(trainer), keeper, toy.silent())
+    saver = CheckpointSaver(tmp_path, {"config": {"A": 1}}, epoch_interval=5)
+    train(trainer, toy.make_batches(trainer), saver, toy.silent())
     names = {p.name for p in tmp_path.iterdir()}
     assert names == {"checkpoint_epoch_5.pth", "checkpoint_epoch_10.pth", "checkpoint_epoch_12.pth"}
     assert read_checkpoint(tmp_path / "checkpoint_epoch_12.pth")["config"] == {"A": 1}
@@ -126,7 +126,13 @@ def test_slow_iterations_are_believed_sooner():
 def test_a_training_in_a_budget_runs_through_its_whole_cycle(toy, tmp_path):
     trainer = toy.make_trainer(planned=100_000)
     budget = TimeBudget(minutes=0.02)
-    train(trainer, toy.make_batches(trainer), Keeper(tmp_path, {}, epoch_interval=10**6), toy.silent(), budget=budget)
+    train(
+        trainer,
+        toy.make_batches(trainer),
+        CheckpointSaver(tmp_path, {}, epoch_interval=10**6),
+        toy.silent(),
+        budget=budget,
+    )
     assert trainer.iteration == trainer.schedule.total < 100_000
     assert trainer.schedule.share(trainer.iteration) == 1
     assert 0.6 < trainer.elapsed_s < 2
@@ -142,5 +148,5 @@ def test_a_nan_saves_nothing(toy, tmp_path):
             yield batch | {"loss_factor": float("nan") if number == 3 else 1.0}
 
     with pytest.raises(TrainingError, match="iteration 3"):
-        train(trainer, poisoned(), Keeper(tmp_path, {}, epoch_interval=100), toy.silent())
+        train(trainer, poisoned(), CheckpointSaver(tmp_path, {}, epoch_interval=100), toy.silent())
     assert not list(tmp_path.iterdir())

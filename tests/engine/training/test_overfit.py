@@ -71,7 +71,7 @@ def seen_by(combo, frames):
     used = np.array(SENSOR_SETS[combo].mask)
     for frame_id in frames.frame_ids:
         labels = read_frame(frames.root_path, frame_id, sources=()).labels
-        seen = ((labels.hits >= ENOUGH_HITS) & used).any(1)
+        seen = ((labels.hit_counts >= ENOUGH_HITS) & used).any(1)
         yield GroundTruth(frame_id, labels.boxes, labels.names, np.where(seen, EASY, INVISIBLE))
 
 

@@ -59,7 +59,7 @@ def test_the_compressed_backbone_sees_what_was_sent_and_nothing_else(x):
     assert [int((of_sample != 0).any(0).sum()) for of_sample in seen[0]] == [2 * 4, 2 * 4]
 
 
-def test_the_hosts_norm_is_the_default_and_ours_can_be_chosen():
+def test_openpcdets_norm_is_the_default_and_ours_can_be_chosen():
     assert any(key.endswith("running_mean") for key in build(DeformableAttentionBackbone).state_dict())
     grouped = build(DeformableAttentionBackbone, NORM="group")
     assert not any(key.endswith("running_mean") for key in grouped.state_dict())

@@ -62,10 +62,10 @@ def test_code_in_a_checkpoint_is_not_run(tmp_path):
 
 
 @pytest.mark.parametrize("zipped", [True, False])
-def test_the_hosts_checkpoints_with_numpy_numbers_are_read(tmp_path, zipped):
+def test_openpcdets_checkpoints_with_numpy_numbers_are_read(tmp_path, zipped):
     # OpenPCDet's schedule leaves numpy floats in the optimiser's groups, and it saves in the format before zip.
     group = {"lr": np.float64(0.003) * np.cos(np.float64(0.5)), "betas": (np.float64(0.9), 0.99)}
     content = {"model_state": {"w": WEIGHTS}, "optimizer_state": {"param_groups": [group]}}
-    torch.save(content, tmp_path / "host.pth", _use_new_zipfile_serialization=zipped)
-    loaded = read_checkpoint(tmp_path / "host.pth")["optimizer_state"]["param_groups"][0]
+    torch.save(content, tmp_path / "openpcdet.pth", _use_new_zipfile_serialization=zipped)
+    loaded = read_checkpoint(tmp_path / "openpcdet.pth")["optimizer_state"]["param_groups"][0]
     assert loaded == group

@@ -11,7 +11,7 @@ from torch import nn
 from pcdet_avp.config import load_config
 from pcdet_avp.errors import CheckpointError, ConfigError
 from pcdet_avp.models import build_network
-from pcdet_avp.models.weights.openpcdet import is_openpcdet, place
+from pcdet_avp.models.weights.openpcdet import is_openpcdet, match_tensors
 
 TINY = Path(__file__).parents[3] / "cfgs" / "avp" / "cp_tiny.yaml"
 LOGGER = logging.getLogger("test")
@@ -20,7 +20,7 @@ CELL_M, X_MIN_M, Y_MIN_M = 0.64, 0.0, -30.08
 
 
 class Layer(nn.Module):
-    """A linear layer and its norm, under the host's names."""
+    """A linear layer and its norm, under OpenPCDet's names."""
 
     def __init__(self, inputs, outputs):
         super().__init__()
@@ -28,7 +28,7 @@ class Layer(nn.Module):
 
 
 class PointPillar(nn.Module):
-    """The host's: padded pillars, zero padding before unpadded convolutions, one convolution per prediction."""
+    """OpenPCDet's: padded pillars, zero padding before unpadded convolutions, one convolution per prediction."""
 
     def __init__(self, anchors=3, classes=2):
         super().__init__()
@@ -74,17 +74,17 @@ class PointPillar(nn.Module):
 
 
 @pytest.fixture(scope="module")
-def host():
+def openpcdet():
     """Random weights and, as after a training, random statistics."""
     torch.manual_seed(0)
-    host = PointPillar()
-    for module in host.modules():
+    openpcdet = PointPillar()
+    for module in openpcdet.modules():
         if isinstance(module, nn.BatchNorm1d | nn.BatchNorm2d):
             for tensor in (module.weight, module.running_var):
                 nn.init.uniform_(tensor, 0.5, 2.0)
             for tensor in (module.bias, module.running_mean):
                 nn.init.normal_(tensor, 0.0, 0.5)
-    return host.eval()
+    return openpcdet.eval()
 
 
 def network(norm="batch", as_openpcdet=True, **model_keys):
@@ -103,13 +103,15 @@ def network(norm="batch", as_openpcdet=True, **model_keys):
 
 
 @pytest.fixture
-def checkpoint(host, tmp_path):
-    torch.save({"model_state": host.state_dict(), "optimizer_state": None, "epoch": 80}, tmp_path / "host.pth")
-    return tmp_path / "host.pth"
+def checkpoint(openpcdet, tmp_path):
+    torch.save(
+        {"model_state": openpcdet.state_dict(), "optimizer_state": None, "epoch": 80}, tmp_path / "openpcdet.pth"
+    )
+    return tmp_path / "openpcdet.pth"
 
 
-def test_with_its_weights_our_pillars_are_the_hosts(host, checkpoint):
-    """Full, half-full and single-point pillars; ours stand on the floor, the host's hang from the LiDAR."""
+def test_with_its_weights_our_pillars_are_openpcdets(openpcdet, checkpoint):
+    """Full, half-full and single-point pillars; ours stand on the floor, OpenPCDet's hang from the LiDAR."""
     model = network()
     model.load_params_from_file(checkpoint, LOGGER, to_cpu=True)
     generator = torch.Generator().manual_seed(2)
@@ -118,7 +120,7 @@ def test_with_its_weights_our_pillars_are_the_hosts(host, checkpoint):
         points = torch.rand(count, 4, generator=generator)
         low = torch.tensor([X_MIN_M + column * CELL_M, Y_MIN_M + row * CELL_M, -1.7, 0.0])
         clouds.append(low + points * torch.tensor([CELL_M, CELL_M, 2.5, 1.0]) * 0.98)
-    expected = torch.stack([host.pillar(cloud, *cell) for cloud, cell in zip(clouds, cells, strict=True)])
+    expected = torch.stack([openpcdet.pillar(cloud, *cell) for cloud, cell in zip(clouds, cells, strict=True)])
     ours = torch.cat(clouds) + torch.tensor([0.0, 0.0, LIDAR_HEIGHT_M, 0.0])
     for encoder in ("ego_lidar", "infra_lidar"):
         found, coords = model.encoders[encoder].vfe.encode(torch.cat([torch.zeros(len(ours), 1), ours], 1), 1)
@@ -128,11 +130,11 @@ def test_with_its_weights_our_pillars_are_the_hosts(host, checkpoint):
         assert (model.encoders[encoder].vfe.encode(shifted, 1)[0][order] - expected).abs().max() > 1e-2
 
 
-def test_with_its_weights_our_backbone_and_head_say_what_the_hosts_say(host, checkpoint):
+def test_with_its_weights_our_backbone_and_head_say_what_openpcdets_say(openpcdet, checkpoint):
     model = network()
     model.load_params_from_file(checkpoint, LOGGER, to_cpu=True)
     x = torch.rand(1, 16, 94, 70, generator=torch.Generator().manual_seed(3))
-    together, said = host.see(x)
+    together, said = openpcdet.see(x)
     ours = model.backbone_2d.encode(x)
     torch.testing.assert_close(ours, together, atol=1e-4, rtol=1e-4)
     head = model.dense_head
@@ -140,23 +142,23 @@ def test_with_its_weights_our_backbone_and_head_say_what_the_hosts_say(host, che
         torch.testing.assert_close(conv(ours), expected, atol=1e-4, rtol=1e-4)
 
 
-def test_every_tensor_of_the_host_is_accounted_for(host):
-    state = host.state_dict()
-    _, report = place(state, network())
+def test_every_tensor_of_openpcdet_is_accounted_for(openpcdet):
+    state = openpcdet.state_dict()
+    _, report = match_tensors(state, network())
     assert set(report.loaded) == set(state) - {"global_step"}
     first = "vfe.pfn_layers.0.linear.weight"
     assert report.loaded[first] == [f"encoders.ego_lidar.{first}", f"encoders.infra_lidar.{first}"]
     assert not any(name.startswith(("backbone_2d.", "dense_head.")) for name in report.fresh)
-    _, shared = place(state, network(SHARE_ENCODERS=True))
+    _, shared = match_tensors(state, network(SHARE_ENCODERS=True))
     assert shared.loaded[first] == [f"encoders.lidar.{first}"]
 
 
-def test_batch_statistics_are_not_poured_into_group_norm(host):
+def test_batch_statistics_are_not_poured_into_group_norm(openpcdet):
     """The affine parts have equal shapes, so only their kind tells them apart."""
     model = network("group", as_openpcdet=False)
-    placed, report = place(host.state_dict(), model)
-    assert "backbone_2d.blocks.0.1.weight" in placed
-    assert "backbone_2d.blocks.0.2.weight" not in placed
+    matched, report = match_tensors(openpcdet.state_dict(), model)
+    assert "backbone_2d.blocks.0.1.weight" in matched
+    assert "backbone_2d.blocks.0.2.weight" not in matched
     assert {"backbone_2d.blocks.0.2.weight", "vfe.pfn_layers.0.norm.running_mean"} <= set(report.other_norm)
     assert any("MODEL.NORM: batch would take them" in line for line in report.lines())
 
@@ -164,25 +166,25 @@ def test_batch_statistics_are_not_poured_into_group_norm(host):
 def test_a_head_for_other_classes_is_named_with_both_shapes_and_left_alone():
     model = network()
     before = model.dense_head.conv_cls.weight.clone()
-    placed, report = place(PointPillar(anchors=6, classes=3).state_dict(), model)
-    model.load_state_dict(placed, strict=False)
+    matched, report = match_tensors(PointPillar(anchors=6, classes=3).state_dict(), model)
+    model.load_state_dict(matched, strict=False)
     assert report.other_shape["dense_head.conv_cls.weight"] == "(18, 32, 1, 1) here (6, 32, 1, 1)"
     assert torch.equal(model.dense_head.conv_cls.weight, before)
     assert "backbone_2d.blocks.0.1.weight" in report.loaded
 
 
-def test_heights_that_nobody_corrected_are_warned_of(host, checkpoint, caplog):
+def test_heights_that_nobody_corrected_are_warned_of(openpcdet, checkpoint, caplog):
     with caplog.at_level(logging.INFO):
         network(as_openpcdet=False).load_params_from_file(checkpoint, LOGGER, to_cpu=True)
     assert "AS_OPENPCDET" in caplog.text
-    assert f"loaded {len(host.state_dict()) - 1} tensors of OpenPCDet's" in caplog.text
+    assert f"loaded {len(openpcdet.state_dict()) - 1} tensors of OpenPCDet's" in caplog.text
     caplog.clear()
     network().load_params_from_file(checkpoint, LOGGER, to_cpu=True)
     assert "AS_OPENPCDET" not in caplog.text
 
 
-def test_our_own_checkpoints_are_not_taken_for_the_hosts(host):
-    assert is_openpcdet(host.state_dict())
+def test_our_own_checkpoints_are_not_taken_for_openpcdets(openpcdet):
+    assert is_openpcdet(openpcdet.state_dict())
     assert not is_openpcdet(network().state_dict())
 
 
@@ -192,7 +194,7 @@ def test_a_detector_that_shares_nothing_is_refused(tmp_path):
         network().load_params_from_file(tmp_path / "other.pth", LOGGER, to_cpu=True)
 
 
-def test_the_hosts_view_needs_the_hosts_norm():
+def test_openpcdets_view_needs_openpcdets_norm():
     with pytest.raises(ConfigError, match="AS_OPENPCDET: OpenPCDet's weights need NORM batch"):
         network("group")
 

@@ -12,7 +12,7 @@ from pcdet_avp.sim.meshes.car_spec import CarSpec
 from pcdet_avp.sim.meshes.loft import quad
 from pcdet_avp.sim.meshes.mesh import Material, box_mesh
 from pcdet_avp.sim.rays.raytracer import RayTracer, TriangleScene
-from pcdet_avp.sim.render import image_sensor as film
+from pcdet_avp.sim.render import image_sensor
 from pcdet_avp.sim.render.camera import Lighting, headlamps_of, render
 from pcdet_avp.sim.render.lights import BOUNCE, NEAR_M, SMOOTH_AT_M, draw_lighting, nearness
 from pcdet_avp.structures.camera import PinholeCamera
@@ -110,13 +110,13 @@ def test_the_floors_brightness_follows_lamberts_and_the_inverse_square_law():
     """Below a lamp at height h, at distance d from it: h^2 / d^4, plus the bounced share; the lens darkens corners."""
     lighting = replace(NOISELESS, lamps=(Lamp(12.0, 0.0, 7.0, 1.0),), ambient=0.0, ambient_occlusion=False)
     seen = picture([floor()], lighting)
-    curve = film.tone_curve(lighting.gamma).astype(float)
+    curve = image_sensor.tone_curve(lighting.gamma).astype(float)
     measured, expected = [], []
     for y in (0.0, -2.0, -4.0, -6.0, -8.0, -10.0):
         u, v = pixel_of((12.0, y, 0.0))
         x, z = (u + 0.5) / 240 - 1, (v + 0.5) / 135 - 1
-        signal = np.searchsorted(curve, seen.image[v, u, 0]) / film.CURVE
-        measured.append(signal / (1 - film.VIGNETTING / 2 * (x * x + z * z)))
+        signal = np.searchsorted(curve, seen.image[v, u, 0]) / image_sensor.CURVE
+        measured.append(signal / (1 - image_sensor.VIGNETTING / 2 * (x * x + z * z)))
         d2 = y * y + 49.0
         expected.append(49.0 / d2**2 * (1 + BOUNCE))
     np.testing.assert_allclose(np.array(measured) / measured[0], np.array(expected) / expected[0], rtol=0.06)
@@ -152,10 +152,10 @@ def test_the_same_seed_gives_the_same_image_and_another_seed_another():
 
 def test_noise_has_the_stated_deviation():
     radiance = np.full((200, 300, 3), 0.2, np.float32)
-    curve = np.round(np.arange(film.CURVE) / (film.CURVE - 1) * 255).astype(np.uint8)
+    curve = np.round(np.arange(image_sensor.CURVE) / (image_sensor.CURVE - 1) * 255).astype(np.uint8)
     images = [np.empty(radiance.shape, np.uint8) for _ in range(2)]
     for image, noise in zip(images, (0.0, 0.05), strict=True):
-        film.develop(radiance, np.float32(1), np.float32(noise), np.float32(0.1), np.uint64(9), curve, image)
+        image_sensor.expose(radiance, np.float32(1), np.float32(noise), np.float32(0.1), np.uint64(9), curve, image)
     middle = np.s_[90:110, 130:170]
     assert images[1][middle].std() == pytest.approx(255 * np.hypot(0.05, 0.1 * np.sqrt(0.2)), rel=0.05)
     assert images[0][middle].std() == pytest.approx(255 * 0.1 * np.sqrt(0.2), rel=0.05)

@@ -36,13 +36,13 @@ def test_trials_are_paired_whatever_the_speed(name):
 
 @pytest.mark.parametrize("name", WALKING)
 @pytest.mark.parametrize("speed", [3.0, 10.0])
-def test_walkers_reach_the_middle_of_the_lane_with_the_ego_s_front(name, speed):
-    """Once released, by the walker's own positions in time; the ego cruises, its front at release_x at time 0."""
+def test_pedestrians_reach_the_middle_of_the_lane_with_the_ego_s_front(name, speed):
+    """Once released, by the pedestrian's own positions in time; the ego cruises, its front at release_x at time 0."""
     offsets = []
     for trial in TRIALS:
         scenario = draw_scenario(name, 0, trial, speed)
-        for threat, walker in threats(scenario):
-            way = [walker.trajectory.released(0.0).at(t) for t in np.arange(0, 8, 0.005)]
+        for threat, pedestrian in threats(scenario):
+            way = [pedestrian.trajectory.released(0.0).at(t) for t in np.arange(0, 8, 0.005)]
             middle = int(np.abs([m.y - scenario.layout.lane_y for m in way]).argmin())
             offsets.append(middle * 0.005 - (way[middle].x - threat.release_x) / speed)
             assert threat.release_x >= scenario.ego_start_x + 2.4 - 1e-9
@@ -60,37 +60,37 @@ def test_the_ego_cruises_six_seconds_before_the_first_gap_or_zone(name):
 
 
 @pytest.mark.parametrize("name", WALKING)
-def test_walkers_are_adults_and_children_at_the_paper_s_speeds_and_cross_the_lane_once(name):
-    walkers = [(t, w) for trial in TRIALS for t, w in threats(draw_scenario(name, 0, trial, 5.0))]
-    assert {(w.spec.kind, w.trajectory.speed) for _, w in walkers} == {("adult", 1.5), ("child", 2.0)}
-    for threat, walker in walkers:
-        y = np.array([point[1] for point in walker.trajectory.points])
+def test_pedestrians_are_adults_and_children_at_the_paper_s_speeds_and_cross_the_lane_once(name):
+    pedestrians = [(t, w) for trial in TRIALS for t, w in threats(draw_scenario(name, 0, trial, 5.0))]
+    assert {(w.spec.kind, w.trajectory.speed) for _, w in pedestrians} == {("adult", 1.5), ("child", 2.0)}
+    for threat, pedestrian in pedestrians:
+        y = np.array([point[1] for point in pedestrian.trajectory.points])
         assert np.sign(y[0]) == -np.sign(y[-1])
         assert (np.diff(y) * np.sign(y[-1]) > 0).all()
-        clear = walker.trajectory.released(0.0).at(threat.clear_after_m / walker.trajectory.speed)
+        clear = pedestrian.trajectory.released(0.0).at(threat.clear_after_m / pedestrian.trajectory.speed)
         side = np.sign(y[0])
-        assert side * (clear.y + 1.7) + 0.95 + walker.spec.box_side / 2 == pytest.approx(-0.3)
+        assert side * (clear.y + 1.7) + 0.95 + pedestrian.spec.box_side / 2 == pytest.approx(-0.3)
 
 
 @pytest.mark.parametrize("name", WALKING)
-def test_walkers_walk_through_nobody_and_nothing(name):
+def test_pedestrians_walk_through_nobody_and_nothing(name):
     for trial in TRIALS:
         scenario = draw_scenario(name, 0, trial, 5.0)
         parked = np.array([box_at(actor, 0.0) for actor in scenario.actors if isinstance(actor, Car)])
         solid = np.concatenate([parked, scenario.layout.solid_boxes()])
-        for _, walker in threats(scenario):
-            way = walker.trajectory.released(0.0)
-            path = np.array([box_at(Pedestrian(0, walker.spec, way), t) for t in np.arange(0, 12, 0.1)])
+        for _, pedestrian in threats(scenario):
+            way = pedestrian.trajectory.released(0.0)
+            path = np.array([box_at(Pedestrian(0, pedestrian.spec, way), t) for t in np.arange(0, 12, 0.1)])
             path[:, 3:5] = 0.25  # the body; the corner of a label box may brush a bumper
             assert bev_intersection(path, solid).max() == 0.0
 
 
-def test_late_walkers_come_from_behind_vans_that_stand_in_the_road():
+def test_late_pedestrians_come_from_behind_vans_that_stand_in_the_road():
     for trial in TRIALS:
         scenario = draw_scenario("pedestrian_late", 0, trial, 5.0)
         cars = [actor for actor in scenario.actors if isinstance(actor, Car)]
-        for _, walker in threats(scenario):
-            x, y = walker.trajectory.points[0]
+        for _, pedestrian in threats(scenario):
+            x, y = pedestrian.trajectory.points[0]
             before = [c for c in cars if 0 < x - c.trajectory.x < 3.0 and c.trajectory.y * y > 0]
             assert [car.spec.body for car in before] == ["van"]
             assert abs(before[0].trajectory.y) - before[0].spec.length / 2 < 3.4
@@ -116,7 +116,7 @@ def test_the_other_vehicle_reaches_the_ego_s_swath_when_the_ego_reaches_the_zone
 
 def test_lateral_acceleration_of_the_vehicle_on_rails():
     """v^2 / r of the tightest turn: four times as much at twice the speed, 5 to 6.5 m."""
-    slow, fast = (draw_scenario("t_junction", 0, 0, v).max_lateral_acceleration for v in (4.0, 8.0))
+    slow, fast = (draw_scenario("t_junction", 0, 0, v).max_lateral_acceleration_mps2 for v in (4.0, 8.0))
     assert fast == pytest.approx(4 * slow)
     assert 5.0 <= 16.0 / slow <= 6.5
 

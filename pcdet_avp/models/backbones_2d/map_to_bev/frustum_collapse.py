@@ -20,7 +20,7 @@ from pcdet_avp.models.backbones_2d.map_to_bev.pixel_bags import (
     bag_sum_with_weight_gradient,
     corner_offsets,
 )
-from pcdet_avp.models.backbones_2d.map_to_bev.voxel_projection import CameraRays
+from pcdet_avp.models.backbones_2d.map_to_bev.voxel_projection import VoxelProjection
 from pcdet_avp.models.precision import without_autocast
 
 SAMPLINGS = ("trilinear", "factorised", "nearest")
@@ -29,7 +29,7 @@ GPU_CHUNK_VOXELS = 1 << 20  # a GPU has the memory, and would wait for the many 
 
 
 def frustum_collapse(
-    features: Tensor, probabilities: Tensor, weight: Tensor, rays: CameraRays, sampling: str = "trilinear"
+    features: Tensor, probabilities: Tensor, weight: Tensor, projection: VoxelProjection, sampling: str = "trilinear"
 ) -> Tensor:
     """features (pixels, C) and probabilities (pixels, D + 2) of the padded image, weight (C_out, C, Z) -> (c, C_out).
 
@@ -37,18 +37,18 @@ def frustum_collapse(
     side of an edge appear at the other side's depth; it is there to be compared with. ``nearest`` needs rays of the
     same kind and takes one pixel instead of four, at less than half of the cost.
     """
-    return _FrustumCollapse.apply(features, probabilities, weight, rays, sampling)
+    return _FrustumCollapse.apply(features, probabilities, weight, projection, sampling)
 
 
 class _FrustumCollapse(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, features, probabilities, weight, rays, sampling):
+    def forward(ctx, features, probabilities, weight, projection, sampling):
         ctx.save_for_backward(features, probabilities, weight)
-        ctx.rays, ctx.sampling = rays, sampling
+        ctx.projection, ctx.sampling = projection, sampling
         matrix = _as_matrix(weight)
-        collapsed = features.new_empty(len(rays.columns), len(weight))
-        for part in _chunks(rays):
-            chunk = _Chunk(rays, part, sampling, probabilities.shape[1])
+        collapsed = features.new_empty(len(projection.columns), len(weight))
+        for part in _chunks(projection):
+            chunk = _Chunk(projection, part, sampling, probabilities.shape[1])
             samples = bag_sum(features, chunk.first, chunk.weigh(probabilities), chunk.corners)
             torch.mm(samples.view(-1, len(matrix)), matrix, out=collapsed[part])
         return collapsed
@@ -60,8 +60,8 @@ class _FrustumCollapse(torch.autograd.Function):
         matrix = _as_matrix(weight)
         d_features, d_probabilities = torch.zeros_like(features), torch.zeros_like(probabilities)
         d_matrix = torch.zeros_like(matrix)
-        for part in _chunks(ctx.rays):
-            chunk = _Chunk(ctx.rays, part, ctx.sampling, probabilities.shape[1])
+        for part in _chunks(ctx.projection):
+            chunk = _Chunk(ctx.projection, part, ctx.sampling, probabilities.shape[1])
             where = chunk.first, chunk.weigh(probabilities), chunk.corners
             d_samples = (grad[part] @ matrix.T).view(-1, features.shape[1])
             samples, d_weights = bag_sum_with_weight_gradient(features, *where, d_samples)
@@ -74,15 +74,15 @@ class _FrustumCollapse(torch.autograd.Function):
 class _Chunk:
     """Some columns' voxels, flattened: n of them, each with four pixels, or with one."""
 
-    def __init__(self, rays: CameraRays, part: slice, sampling: str, slots: int) -> None:
+    def __init__(self, projection: VoxelProjection, part: slice, sampling: str, slots: int) -> None:
         """``slots`` is the width D + 2 of the padded distributions."""
         self.sampling = sampling
-        pixels = rays.weights.shape[-1]
-        self.first = rays.pixels[part].reshape(-1)
-        self.corners = corner_offsets(rays.image_size[1])[:pixels]
-        self.bilinear = rays.weights[part].reshape(-1, pixels)
-        self.bin_shift = rays.bin_shift[part].reshape(-1, 1)
-        slot = self.first * slots + rays.bins[part].reshape(-1)
+        pixels = projection.weights.shape[-1]
+        self.first = projection.pixels[part].reshape(-1)
+        self.corners = corner_offsets(projection.image_size[1])[:pixels]
+        self.bilinear = projection.weights[part].reshape(-1, pixels)
+        self.bin_shift = projection.bin_shift[part].reshape(-1, 1)
+        slot = self.first * slots + projection.bins[part].reshape(-1)
         self.slots = (slot[:, None] + slot.new_tensor(self.corners) * slots).view(-1)
 
     def weigh(self, probabilities: Tensor) -> Tensor:
@@ -106,10 +106,10 @@ class _Chunk:
         flat[1:].scatter_add_(0, slots, d_upper.view(-1))
 
 
-def _chunks(rays: CameraRays) -> Iterator[slice]:
-    columns, heights = rays.pixels.shape
-    voxels = GPU_CHUNK_VOXELS if rays.pixels.is_cuda else CHUNK_VOXELS
-    step = max(1, voxels // heights)
+def _chunks(projection: VoxelProjection) -> Iterator[slice]:
+    columns, num_heights = projection.pixels.shape
+    voxels = GPU_CHUNK_VOXELS if projection.pixels.is_cuda else CHUNK_VOXELS
+    step = max(1, voxels // num_heights)
     return (slice(start, min(start + step, columns)) for start in range(0, columns, step))
 
 
@@ -119,5 +119,5 @@ def _as_matrix(weight: Tensor) -> Tensor:
 
 
 def _as_weight(matrix: Tensor, like: Tensor) -> Tensor:
-    outputs, channels, heights = like.shape
-    return matrix.view(heights, channels, outputs).permute(2, 1, 0)
+    outputs, channels, num_heights = like.shape
+    return matrix.view(num_heights, channels, outputs).permute(2, 1, 0)

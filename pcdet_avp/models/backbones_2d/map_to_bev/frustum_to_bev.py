@@ -10,7 +10,7 @@ from torch.nn import functional as F
 
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.models.backbones_2d.map_to_bev.frustum_collapse import SAMPLINGS, frustum_collapse
-from pcdet_avp.models.backbones_2d.map_to_bev.voxel_projection import CameraRays, trace_rays
+from pcdet_avp.models.backbones_2d.map_to_bev.voxel_projection import VoxelProjection, project_voxels
 from pcdet_avp.models.backbones_image.depth_bins import DepthBins
 from pcdet_avp.models.norm import ScaleNorm
 from pcdet_avp.models.precision import full_precision
@@ -32,14 +32,14 @@ class FrustumToBev(nn.Module):
 
     def __init__(self, model_cfg: Any, grid: BevGrid, in_channels: int) -> None:
         super().__init__()
-        self.grid, self.heights = grid, int(model_cfg.HEIGHTS)
+        self.grid, self.num_heights = grid, int(model_cfg.HEIGHTS)
         self.sampling = model_cfg.get("SAMPLING", "trilinear")
         if self.sampling not in SAMPLINGS:
             raise ConfigError(f"MAP_TO_BEV.SAMPLING: expected one of {', '.join(SAMPLINGS)}, found {self.sampling!r}")
         self.num_bev_features = int(model_cfg.NUM_BEV_FEATURES)
-        self.collapse = nn.Conv2d(in_channels * self.heights, self.num_bev_features, 1, bias=False)
+        self.collapse = nn.Conv2d(in_channels * self.num_heights, self.num_bev_features, 1, bias=False)
         self.norm = ScaleNorm(self.num_bev_features)
-        self._remembered: dict[tuple, CameraRays] = {}
+        self._remembered: dict[tuple, VoxelProjection] = {}
 
     def forward(
         self,
@@ -53,29 +53,33 @@ class FrustumToBev(nn.Module):
         """features (B, C, h, w), logits (B, D + 1, h, w), image_from_agent (B, 3, 4) in image pixels."""
         with torch.autocast(features.device.type, enabled=False):
             pixels = _padded_rows(_channels_last(features))
-            chances = _padded_rows(_channels_last(logits).softmax(-1)[..., : bins.count], slots=1)
-            weight = self.collapse.weight.view(self.num_bev_features, -1, self.heights)
+            probabilities = _padded_rows(_channels_last(logits).softmax(-1)[..., : bins.count], slots=1)
+            weight = self.collapse.weight.view(self.num_bev_features, -1, self.num_heights)
             cells = self.grid.height * self.grid.width
             maps = pixels.new_zeros(len(features) * cells, self.num_bev_features)
             seen = torch.zeros(len(features) * cells, dtype=torch.bool, device=maps.device)
             for b in range(len(features)):
-                rays = self._rays(image_from_agent[b], bins, image_size, stride)
-                collapsed = frustum_collapse(pixels[b], chances[b], weight, rays, self.sampling)
-                maps = maps.index_copy(0, rays.columns + b * cells, collapsed)
-                seen[rays.columns + b * cells] = True
+                projection = self._projection(image_from_agent[b], bins, image_size, stride)
+                collapsed = frustum_collapse(pixels[b], probabilities[b], weight, projection, self.sampling)
+                maps = maps.index_copy(0, projection.columns + b * cells, collapsed)
+                seen[projection.columns + b * cells] = True
             maps = maps.view(len(features), self.grid.height, self.grid.width, maps.shape[1]).permute(0, 3, 1, 2)
             seen = seen.view(len(features), 1, self.grid.height, self.grid.width)
             return F.relu(self.norm(maps, seen)), seen
 
-    def _rays(self, image_from_agent: Tensor, bins: DepthBins, image_size: tuple[int, int], stride: int) -> CameraRays:
+    def _projection(
+        self, image_from_agent: Tensor, bins: DepthBins, image_size: tuple[int, int], stride: int
+    ) -> VoxelProjection:
         device = image_from_agent.device
         key = (image_from_agent.double().cpu().numpy().tobytes(), bins, tuple(image_size), stride, device)
         if key not in self._remembered:
             while len(self._remembered) >= REMEMBERED_CAMERAS:
                 self._remembered.pop(next(iter(self._remembered)))
             nearest = self.sampling == "nearest"
-            rays = trace_rays(image_from_agent, self.grid, self.heights, bins, image_size, stride, nearest)
-            self._remembered[key] = rays
+            projection = project_voxels(
+                image_from_agent, self.grid, self.num_heights, bins, image_size, stride, nearest
+            )
+            self._remembered[key] = projection
         return self._remembered[key]
 
 

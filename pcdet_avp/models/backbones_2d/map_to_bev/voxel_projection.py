@@ -12,7 +12,7 @@ from pcdet_avp.structures.bev_grid import BevGrid
 
 
 @dataclass(frozen=True, eq=False)
-class CameraRays:
+class VoxelProjection:
     """The voxel centres over the c columns of the grid that a camera sees, Z in each column.
 
     Images are padded by one pixel of zeros on every side and distributions by one empty bin at either end, so that
@@ -27,22 +27,22 @@ class CameraRays:
     image_size: tuple[int, int]  # rows and columns of the padded feature image
 
 
-def trace_rays(
+def project_voxels(
     image_from_agent: Tensor,
     grid: BevGrid,
-    heights: int,
+    num_heights: int,
     bins: DepthBins,
     image_size: tuple[int, int],
     stride: int,
     nearest: bool = False,
-) -> CameraRays:
+) -> VoxelProjection:
     """Project all voxel centres with the (3, 4) matrix agent frame -> pixels.
 
     A voxel is seen if it lies inside the image of ``image_size`` (rows, columns) and inside the depth bins.
     A feature pixel covers ``stride`` image pixels, its centre at half of that. ``nearest`` takes the pixel that the
     voxel lies in instead of its four neighbours.
     """
-    u, v, depth = _project(image_from_agent.double(), grid, heights)
+    u, v, depth = _project(image_from_agent.double(), grid, num_heights)
     seen = (depth >= bins.near_m) & (depth < bins.far_m)
     seen &= (u >= 0) & (v >= 0) & (u < image_size[1]) & (v < image_size[0])
     columns = seen.any(1).nonzero().squeeze(1)
@@ -56,7 +56,7 @@ def trace_rays(
         pixels, weights = pixels + (u >= 0.5) + (v >= 0.5) * padded[1], torch.ones_like(u)[..., None]
     else:
         weights = torch.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], -1)
-    return CameraRays(columns, pixels, weights * seen[..., None], lower, shift, padded)
+    return VoxelProjection(columns, pixels, weights * seen[..., None], lower, shift, padded)
 
 
 def _split(position: Tensor, padded: int) -> tuple[Tensor, Tensor]:
@@ -69,15 +69,15 @@ def _split(position: Tensor, padded: int) -> tuple[Tensor, Tensor]:
     return position - lower, lower
 
 
-def _project(image_from_agent: Tensor, grid: BevGrid, heights: int) -> tuple[Tensor, Tensor, Tensor]:
+def _project(image_from_agent: Tensor, grid: BevGrid, num_heights: int) -> tuple[Tensor, Tensor, Tensor]:
     """u, v in image pixels and depth in metres of the voxel centres, each (H * W, heights) float32.
 
     Voxel centres form a lattice, so that a column needs one product and a height one addition.
     """
     device = image_from_agent.device
     x, y = (torch.as_tensor(c, device=device) for c in grid.cell_centres())
-    layer = (grid.z_max_m - grid.z_min_m) / heights
-    z = grid.z_min_m + (torch.arange(heights, device=device, dtype=torch.float64) + 0.5) * layer
+    layer = (grid.z_max_m - grid.z_min_m) / num_heights
+    z = grid.z_min_m + (torch.arange(num_heights, device=device, dtype=torch.float64) + 0.5) * layer
     m = image_from_agent
     floor = m[:, 0, None, None] * x + m[:, 1, None, None] * y[:, None] + m[:, 3, None, None]
     homogeneous = floor.flatten(1)[:, :, None].float() + (m[:, 2, None] * z)[:, None, :].float()

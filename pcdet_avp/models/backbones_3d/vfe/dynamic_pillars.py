@@ -9,7 +9,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from pcdet_avp.errors import ConfigError, SensorError
-from pcdet_avp.models.backbones_3d.vfe.openpcdet_pillars import HostPillars
+from pcdet_avp.models.backbones_3d.vfe.openpcdet_pillars import OpenPCDetPillars
 from pcdet_avp.models.backbones_3d.vfe.segment_max import segment_max
 from pcdet_avp.models.norm import BATCH_NORM
 from pcdet_avp.registry import VFE
@@ -25,7 +25,7 @@ class DynamicPillars(nn.Module):
     Points outside the grid's range are ignored. NORM ``batch`` has OpenPCDet's weight names, shapes and raw inputs.
     NORM ``group`` normalises each point over its channels (group norm of one group) and first brings positions and
     offsets to the order of one: without statistics over points, 40 m of range would drown 0.1 m of shape.
-    AS_OPENPCDET, a section for weights from there, shows them what they were trained with (see ``HostPillars``).
+    AS_OPENPCDET, a section for weights from there, shows them what they were trained with (see ``OpenPCDetPillars``).
 
     Reads: points (P, 1 + C) [batch index, x, y, z, further channels], batch_size.
     Writes: pillar_features (N, NUM_FILTERS[-1]), voxel_coords (N, 4) int64 [batch index, 0, row, column].
@@ -47,8 +47,8 @@ class DynamicPillars(nn.Module):
         self.grid = BevGrid.from_range(point_cloud_range, voxel_size)
         self.absolute = bool(model_cfg.get("USE_ABSLOTE_XYZ", True))  # OpenPCDet's spelling
         self.batch_norm = model_cfg.get("NORM", "group") == "batch"
-        self.as_host = HostPillars.from_config(model_cfg.get("AS_OPENPCDET"))
-        if self.as_host and not self.batch_norm:
+        self.as_openpcdet = OpenPCDetPillars.from_config(model_cfg.get("AS_OPENPCDET"))
+        if self.as_openpcdet and not self.batch_norm:
             raise ConfigError("VFE.AS_OPENPCDET: OpenPCDet's weights need NORM batch, found group")
         inputs = num_point_features + 6 if self.absolute else num_point_features + 3
         filters = [inputs, *(int(n) for n in model_cfg.NUM_FILTERS)]
@@ -70,8 +70,8 @@ class DynamicPillars(nn.Module):
         points = self._in_range(points)
         rank, cells = self._pillars(points, batch_size)
         x = self._decorate(points, rank, cells)
-        if self.as_host:
-            x, rank = self.as_host.fill(x, rank, len(cells))
+        if self.as_openpcdet:
+            x, rank = self.as_openpcdet.fill(x, rank, len(cells))
         for layer in self.pfn_layers:
             x = layer(x, rank, len(cells))
         batch, cell = cells // self._cells, cells % self._cells
@@ -111,8 +111,8 @@ class DynamicPillars(nn.Module):
         to_mean = xyz - _means(xyz, rank, len(cells)).index_select(0, rank)
         to_centre = xyz - self._centres(cells, xyz.dtype).index_select(0, rank)
         rest = points[:, 4:]
-        if self.as_host:
-            xyz = self.as_host.from_lidar(xyz)
+        if self.as_openpcdet:
+            xyz = self.as_openpcdet.from_lidar(xyz)
         if not self.batch_norm:
             grid, cell = self.grid, self.grid.cell_m
             low, high = xyz.new_tensor(grid.range).split(3)
@@ -127,7 +127,7 @@ class DynamicPillars(nn.Module):
         grid, cell = self.grid, cells % self._cells
         x = grid.x_min_m + (cell % grid.width + 0.5) * grid.cell_m
         y = grid.y_min_m + (cell // grid.width + 0.5) * grid.cell_m
-        z = torch.full_like(x, self.as_host.centre_z_m if self.as_host else (grid.z_min_m + grid.z_max_m) / 2)
+        z = torch.full_like(x, self.as_openpcdet.centre_z_m if self.as_openpcdet else (grid.z_min_m + grid.z_max_m) / 2)
         return torch.stack([x, y, z], 1).to(dtype)
 
 

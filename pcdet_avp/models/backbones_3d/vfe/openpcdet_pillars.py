@@ -13,7 +13,7 @@ from pcdet_avp.errors import ConfigError
 
 
 @dataclass(frozen=True)
-class HostPillars:
+class OpenPCDetPillars:
     """Section AS_OPENPCDET: LIDAR_HEIGHT_M, Z_RANGE_M and MAX_POINTS of the configuration that trained the weights.
 
     Heights count from the LiDAR there and from the floor here; a pillar's centre is the middle of Z_RANGE_M, in the
@@ -26,7 +26,7 @@ class HostPillars:
     max_points: int
 
     @classmethod
-    def from_config(cls, cfg: Mapping | None) -> HostPillars | None:
+    def from_config(cls, cfg: Mapping | None) -> OpenPCDetPillars | None:
         """None where there is no such section."""
         if not cfg:
             return None

@@ -12,7 +12,7 @@ from pcdet_avp.errors import ConfigError
 from pcdet_avp.models.backbones_2d.map_to_bev import frustum_collapse as module
 from pcdet_avp.models.backbones_2d.map_to_bev.frustum_collapse import frustum_collapse
 from pcdet_avp.models.backbones_2d.map_to_bev.frustum_to_bev import FrustumToBev
-from pcdet_avp.models.backbones_2d.map_to_bev.voxel_projection import CameraRays, trace_rays
+from pcdet_avp.models.backbones_2d.map_to_bev.voxel_projection import VoxelProjection, project_voxels
 from pcdet_avp.models.backbones_image.depth_bins import DepthBins
 from pcdet_avp.structures.bev_grid import BevGrid
 from pcdet_avp.structures.camera import PinholeCamera
@@ -29,9 +29,9 @@ def image_from_agent(camera=CAMERA, yaw=0.0):
     return torch.tensor(camera.intrinsics @ turned.inverse().matrix[:3])
 
 
-def head(sampling="trilinear", channels=3, outputs=5, grid=GRID, heights=HEIGHTS):
+def head(sampling="trilinear", channels=3, outputs=5, grid=GRID, num_heights=HEIGHTS):
     torch.manual_seed(0)
-    return FrustumToBev(EasyDict(HEIGHTS=heights, SAMPLING=sampling, NUM_BEV_FEATURES=outputs), grid, channels)
+    return FrustumToBev(EasyDict(HEIGHTS=num_heights, SAMPLING=sampling, NUM_BEV_FEATURES=outputs), grid, channels)
 
 
 def random_images(batch=1, channels=3, seed=0):
@@ -53,19 +53,19 @@ def caddn(to_bev, features, logits, matrix, sampling="trilinear"):
     # align_corners=False: -1 and 1 are the outer borders; a feature pixel is 4 image pixels wide.
     grid = np.stack([u / STRIDE / 10 * 2 - 1, v / STRIDE / 6 * 2 - 1, k / BINS.count * 2 - 1], -1)
     grid = torch.tensor(grid, dtype=torch.float32)[None]
-    chances = logits.softmax(1)[:, : BINS.count]
+    probabilities = logits.softmax(1)[:, : BINS.count]
     if sampling == "nearest":
         at = [np.clip(np.floor(w / STRIDE), 0, n - 1).astype(int) for w, n in ((v, 6), (u, 10))]
         near = np.stack([(at[1] + 0.5) / 10 * 2 - 1, (at[0] + 0.5) / 6 * 2 - 1, grid[0, ..., 2]], -1)
         voxels = F.grid_sample(
-            features[:, :, None] * chances[:, None], torch.tensor(near).float()[None], align_corners=False
+            features[:, :, None] * probabilities[:, None], torch.tensor(near).float()[None], align_corners=False
         )
     elif sampling == "factorised":
         flat = F.grid_sample(features, grid[..., :2].view(1, -1, 1, 2), align_corners=False)
-        chance = F.grid_sample(chances[:, None], grid, align_corners=False)
+        chance = F.grid_sample(probabilities[:, None], grid, align_corners=False)
         voxels = flat.view(1, features.shape[1], *grid.shape[1:4]) * chance
     else:
-        frustum = features[:, :, None] * chances[:, None]
+        frustum = features[:, :, None] * probabilities[:, None]
         voxels = F.grid_sample(frustum, grid, align_corners=False)
     voxels = voxels * torch.tensor(seen)[None, None]
     return to_bev.collapse(voxels.flatten(1, 2)), torch.tensor(seen).any(0)[None, None]
@@ -94,7 +94,7 @@ def test_equals_the_explicit_frustum_and_its_gradients(yaw, sampling):
 def test_gradients_by_finite_differences(sampling, monkeypatch):
     monkeypatch.setattr(module, "CHUNK_VOXELS", 4)  # three columns of two heights: two chunks
     generator = torch.Generator().manual_seed(0)
-    rays = CameraRays(
+    projection = VoxelProjection(
         columns=torch.arange(3),
         pixels=torch.tensor([[0, 1], [4, 5], [5, 0]], dtype=torch.int32),
         weights=torch.rand(3, 2, 4, generator=generator, dtype=torch.float64),
@@ -104,7 +104,7 @@ def test_gradients_by_finite_differences(sampling, monkeypatch):
     )
     shapes = ((12, 2), (12, 4), (3, 2, 2))
     inputs = [torch.randn(s, generator=generator, dtype=torch.float64, requires_grad=True) for s in shapes]
-    assert torch.autograd.gradcheck(lambda *t: frustum_collapse(*t, rays, sampling), inputs)
+    assert torch.autograd.gradcheck(lambda *t: frustum_collapse(*t, projection, sampling), inputs)
 
 
 def test_a_pixel_of_known_depth_lands_in_the_cell_that_trigonometry_says():
@@ -112,7 +112,7 @@ def test_a_pixel_of_known_depth_lands_in_the_cell_that_trigonometry_says():
     camera = PinholeCamera.looking_ahead(40, 22, math.pi / 2, 0.0, 1.8)
     grid = BevGrid(0.0, -6.0, 1.3, 10.0, 6.0, 2.3, 0.5)  # one layer, at the camera's own height
     bins = DepthBins("UD", 16, 1.0, 9.0)  # 0.5 m each
-    to_bev = head(channels=1, outputs=1, grid=grid, heights=1)
+    to_bev = head(channels=1, outputs=1, grid=grid, num_heights=1)
     to_bev.collapse.weight.data.fill_(1.0)
     features = torch.zeros(1, 1, 6, 10)
     features[0, 0, 2, 3] = 1.0  # columns 12-15, rows 8-11 of the image
@@ -130,29 +130,29 @@ def test_a_pixel_of_known_depth_lands_in_the_cell_that_trigonometry_says():
 
 
 def test_a_cell_is_seen_exactly_if_the_camera_sees_a_voxel_centre_of_it():
-    rays = trace_rays(image_from_agent(), GRID, HEIGHTS, BINS, SIZE, STRIDE)
+    projection = project_voxels(image_from_agent(), GRID, HEIGHTS, BINS, SIZE, STRIDE)
     x, y = GRID.cell_centres()
     z = -0.5 + (np.arange(HEIGHTS) + 0.5) * 4.0 / HEIGHTS
     centres = np.stack(np.meshgrid(y, x, z, indexing="ij"), -1)[..., [1, 0, 2]]
     depth = CAMERA.project(centres)[1]
     seen = CAMERA.sees(centres) & (depth >= 1.0) & (depth < 9.0)
-    assert rays.columns.tolist() == np.flatnonzero(seen.any(-1)).tolist()
-    assert ((rays.weights.sum(-1) > 0).numpy() == seen.reshape(-1, HEIGHTS)[rays.columns]).all()
+    assert projection.columns.tolist() == np.flatnonzero(seen.any(-1)).tolist()
+    assert ((projection.weights.sum(-1) > 0).numpy() == seen.reshape(-1, HEIGHTS)[projection.columns]).all()
 
 
 def test_a_uniform_image_gives_every_seen_voxel_the_probability_of_its_depth():
     to_bev = head(channels=1, outputs=1)
     features, logits = torch.ones(1, 1, 6, 10), torch.randn(BINS.count + 1).view(1, -1, 1, 1).expand(1, -1, 6, 10)
-    rays = trace_rays(image_from_agent(), GRID, HEIGHTS, BINS, SIZE, STRIDE)
-    chances = F.pad(logits.softmax(1)[0, : BINS.count, 0, 0], (1, 1))
-    lower, upper = chances[rays.bins], chances[rays.bins + 1]
-    at_depth = (lower + (upper - lower) * rays.bin_shift) * rays.weights.sum(-1)
+    projection = project_voxels(image_from_agent(), GRID, HEIGHTS, BINS, SIZE, STRIDE)
+    probabilities = F.pad(logits.softmax(1)[0, : BINS.count, 0, 0], (1, 1))
+    lower, upper = probabilities[projection.bins], probabilities[projection.bins + 1]
+    at_depth = (lower + (upper - lower) * projection.bin_shift) * projection.weights.sum(-1)
     weight = to_bev.collapse.weight.view(1, 1, HEIGHTS)
     padded = F.pad(features[0, 0], (1, 1, 1, 1)).view(-1, 1)
     inside = F.pad(logits.softmax(1)[0, : BINS.count], (1, 1, 1, 1, 1, 1)).flatten(1).T.contiguous()
-    found = frustum_collapse(padded, inside, weight, rays)
-    interior = (rays.weights.sum(-1) > 0) & ((rays.pixels % 12) > 0) & ((rays.pixels % 12) < 10)
-    interior &= (rays.pixels // 12 > 0) & (rays.pixels // 12 < 6)
+    found = frustum_collapse(padded, inside, weight, projection)
+    interior = (projection.weights.sum(-1) > 0) & ((projection.pixels % 12) > 0) & ((projection.pixels % 12) < 10)
+    interior &= (projection.pixels // 12 > 0) & (projection.pixels // 12 < 6)
     keep = interior.all(1)
     assert keep.any()
     torch.testing.assert_close(found[keep], (at_depth @ weight[0, 0])[keep][:, None], atol=1e-6, rtol=1e-4)
@@ -207,8 +207,8 @@ def test_the_last_cameras_are_remembered_and_no_more():
     for yaw in np.linspace(0, 0.5, 7):
         to_bev(features, logits, image_from_agent(yaw=yaw)[None], BINS, SIZE, STRIDE)
     assert len(to_bev._remembered) == 4
-    first = to_bev._rays(image_from_agent(yaw=0.5), BINS, SIZE, STRIDE)
-    assert to_bev._rays(image_from_agent(yaw=0.5), BINS, SIZE, STRIDE) is first
+    first = to_bev._projection(image_from_agent(yaw=0.5), BINS, SIZE, STRIDE)
+    assert to_bev._projection(image_from_agent(yaw=0.5), BINS, SIZE, STRIDE) is first
 
 
 def test_an_unknown_sampling_is_refused():

@@ -11,7 +11,7 @@ from pcdet_avp.sim.garage import LANE_WIDTH_M, GarageLayout, Slot
 from pcdet_avp.sim.trajectories import Pacing, Standing
 
 DEPTH_SKEW = 2.6  # 1 spreads people evenly over the depth of a gap, more draws them towards its mouth
-WALKING_SPEED_M_S = (0.7, 1.8)
+WALKING_SPEED_MPS = (0.7, 1.8)
 EDGE_Y_M = (3.0, 3.25)  # those who walk along the road keep this far from its axis
 SIDE_WALK_Y_M = (-17.0, -4.0)  # those who walk along the side road turn somewhere in here
 
@@ -45,7 +45,7 @@ def draw_in_gap(rng: np.random.Generator, gap: np.ndarray, deepest_m: float) -> 
 def draw_crossing(rng: np.random.Generator, x: float) -> Pacing:
     """Someone who crosses the road to and fro, turning near its edges or up to a metre inside the rows."""
     ends = rng.uniform(2.9, LANE_WIDTH_M + 1.2, 2) * (1 if rng.random() < 0.5 else -1)
-    speed = float(rng.uniform(*WALKING_SPEED_M_S))
+    speed = float(rng.uniform(*WALKING_SPEED_MPS))
     aslant = float(rng.normal(0, 0.3))
     return Pacing(x, float(ends[0]), x + aslant, float(-ends[1]), speed, -float(rng.uniform(0, 20)))
 
@@ -54,11 +54,11 @@ def draw_along(rng: np.random.Generator, x: float) -> Pacing:
     """Someone who walks along the edge of the road."""
     y = float(rng.uniform(*EDGE_Y_M)) * (1 if rng.random() < 0.5 else -1)
     way = 1 if rng.random() < 0.5 else -1
-    return Pacing(x, y, x + way * float(rng.uniform(8.0, 25.0)), y, float(rng.uniform(*WALKING_SPEED_M_S)))
+    return Pacing(x, y, x + way * float(rng.uniform(8.0, 25.0)), y, float(rng.uniform(*WALKING_SPEED_MPS)))
 
 
 def draw_on_side_road(rng: np.random.Generator, layout: GarageLayout) -> Pacing:
     """Someone who walks along either edge of the side road."""
     edge = rng.uniform(*EDGE_Y_M) * (1 if rng.random() < 0.5 else -1)
     x, from_y, to_y = layout.junction_x + float(edge), *rng.uniform(SIDE_WALK_Y_M[0], SIDE_WALK_Y_M[1], 2)
-    return Pacing(x, float(from_y), x, float(to_y), float(rng.uniform(*WALKING_SPEED_M_S)), -float(rng.uniform(0, 20)))
+    return Pacing(x, float(from_y), x, float(to_y), float(rng.uniform(*WALKING_SPEED_MPS)), -float(rng.uniform(0, 20)))

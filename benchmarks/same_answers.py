@@ -1,0 +1,174 @@
+"""Whether two checkouts compute the same: records, detections, packets and episodes, from the same commands.
+
+    git worktree add ../before COMMIT
+    python benchmarks/same_answers.py --old ../before
+
+Both sides run the command-line tools with the shipped ``cp_small`` weights in folders of their own: 6 frames are made,
+tested through the wire with all sensor sets, packed as transport segments, and 3 scenarios are driven. Records,
+segments and episodes must be equal byte by byte (a renamed column keeps its place), detections within ``--tolerance``.
+Prints one line for each comparison and exits with status 1 if anything differs. A few minutes on two cores.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import hashlib
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+HERE = Path(__file__).resolve().parents[1]
+CFG, WEIGHTS = "cfgs/avp/cp_small.yaml", "weights/cp_small.pth"
+FRAMES = 6
+ONE_A_SCENE = ["DATA_CONFIG.GENERATE.FRAMES_PER_SCENE", "1"]
+DRIVES = (
+    ("t_junction", "oracle", ["--speeds", "5", "9", "--trials", "3"]),
+    ("t_junction", "los", ["--speeds", "8", "--trials", "2", "--combos", "C+none,C+CL"]),
+    ("pedestrian", "oracle", ["--speeds", "8", "--trials", "2"]),
+    ("pedestrian_late", "los", ["--speeds", "8", "--trials", "1", "--combos", "CL+none"]),
+    ("t_junction", "model", ["--speeds", "8", "--trials", "1", "--combos", "CL+CL"]),
+)
+# Where the classes have lived; the newest place comes first.
+PACK = """
+import importlib, sys
+from pathlib import Path
+def find(name, *modules):
+    for module in modules:
+        try:
+            return getattr(importlib.import_module(module), name)
+        except ModuleNotFoundError:
+            pass
+    raise SystemExit(f"no {name} in {modules}")
+from pcdet_avp.datasets.avp.record import read_frame
+network = "pcdet_avp.closed_loop.perception.network", "pcdet_avp.closed_loop.driving_network"
+unit = "pcdet_avp.closed_loop.perception.roadside_unit", "pcdet_avp.closed_loop.roadside_unit"
+driving = find("load", *network)(sys.argv[1], [], sys.argv[2])
+roadside = find("RoadsideUnit", *unit)(driving, 1475)
+data, out = Path(sys.argv[3]), Path(sys.argv[4])
+for number, folder in enumerate(sorted(data.glob("*/*/frame.json"))):
+    frame = read_frame(data, "/".join(folder.parts[-3:-1]))
+    for source, segments in roadside.packets(frame, True, True, number).items():
+        (out / f"{number}_{source}.bin").write_bytes(b"".join(segments))
+"""
+
+
+class Side:
+    """One checkout with a folder for what it makes."""
+
+    def __init__(self, checkout: Path, folder: Path) -> None:
+        self.checkout, self.folder = checkout.resolve(), folder
+        folder.mkdir()
+
+    def python(self, *arguments: str) -> None:
+        """Run Python with this checkout's package; stop with its output if it fails."""
+        env = os.environ | {"PYTHONPATH": str(self.checkout), "OMP_NUM_THREADS": "1"}
+        done = subprocess.run([sys.executable, *arguments], cwd=self.folder, env=env, capture_output=True, text=True)
+        if done.returncode:
+            raise SystemExit(f"{self.checkout}: {' '.join(arguments)[:200]} failed:\n{done.stdout}{done.stderr}")
+
+    def tool(self, name: str, *arguments: str) -> None:
+        self.python(str(self.checkout / "tools" / f"{name}.py"), *arguments)
+
+    @property
+    def cfg(self) -> str:
+        return str(self.checkout / CFG)
+
+    @property
+    def weights(self) -> str:
+        return str(self.checkout / WEIGHTS)
+
+
+def make_records(side: Side) -> None:
+    frames = ["--frames", str(FRAMES), "--out", str(side.folder / "data")]
+    side.tool("create_data", "--cfg", side.cfg, *frames, "--set", *ONE_A_SCENE)
+
+
+def detect(side: Side) -> None:
+    data = ["--set", *ONE_A_SCENE, "DATA_CONFIG.DATA_PATH", str(side.folder / "data")]
+    side.tool("test", "--cfg", side.cfg, "--ckpt", side.weights, "--split", "train", "--wire", "--workers", "0", *data)
+
+
+def pack(side: Side) -> None:
+    out = side.folder / "segments"
+    out.mkdir()
+    side.python("-c", PACK, side.cfg, side.weights, str(side.folder / "data"), str(out))
+
+
+def drive(side: Side, scenario: str, perception: str, options: list[str]) -> None:
+    out = ["--out", str(side.folder / f"{scenario}_{perception}"), "--workers", "2"]
+    network = ["--ckpt", side.weights] if perception == "model" else []
+    names = ["--scenario", scenario, "--perception", perception]
+    side.tool("safety_eval", "--cfg", side.cfg, *names, *options, *out, *network)
+
+
+def same_files(old: Side, new: Side, folder: str, pattern: str) -> tuple[bool, str]:
+    """Equal names and bytes below a folder."""
+    sums = [
+        {str(p.relative_to(side.folder)): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
+        for side in (old, new)
+        for files in [sorted((side.folder / folder).glob(pattern))]
+    ]
+    return bool(sums[0]) and sums[0] == sums[1], f"{len(sums[0])} and {len(sums[1])} files, byte by byte"
+
+
+def same_detections(old: Side, new: Side, tolerance: float) -> tuple[bool, str]:
+    """Equal frames, classes and numbers of boxes; boxes and scores within ``tolerance``."""
+    worst, boxes = 0.0, 0
+    for path in sorted(old.folder.glob("output/**/detections/*.npz")):
+        a, b = np.load(path), np.load(new.folder / path.relative_to(old.folder))
+        if a["name"].tolist() != b["name"].tolist() or a["frame"].tolist() != b["frame"].tolist():
+            return False, f"{path.name}: other boxes, classes or order"
+        boxes += len(a["score"])
+        for key in ("boxes_lidar", "score"):
+            worst = max(worst, float(np.abs(a[key] - b[key]).max(initial=0.0)))
+    return boxes > 0 and worst <= tolerance, f"{boxes} boxes, largest difference {worst:.2g} (m, rad or score)"
+
+
+def same_episodes(old: Side, new: Side, name: str) -> tuple[bool, str]:
+    """Equal values in the columns that the older table has; columns may be renamed in place, new ones come last."""
+    tables = [list(csv.reader((side.folder / name / "episodes.csv").open())) for side in (old, new)]
+    width = len(tables[0][0])
+    shown = [[row[:width] for row in table[1:]] for table in tables]
+    renamed = sum(a != b for a, b in zip(*(table[0] for table in tables), strict=False))
+    return len(shown[0]) > 0 and shown[0] == shown[1], f"{len(shown[0])} episodes, {renamed} columns renamed"
+
+
+def compare(old: Side, new: Side, tolerance: float) -> Iterator[tuple[str, bool, str]]:
+    """(what, whether it is the same, details), one step after the other, both sides in turn."""
+    steps = [(make_records, []), (detect, []), (pack, []), *((drive, list(d)) for d in DRIVES)]
+    for step, arguments in tqdm([(s, a) for s, a in steps], desc="running both sides", unit="step"):
+        for side in (old, new):
+            step(side, *arguments)
+        if step is make_records:
+            yield "records", *same_files(old, new, "data", "*/*/*")
+        elif step is detect:
+            yield "detections", *same_detections(old, new, tolerance)
+        elif step is pack:
+            yield "segments", *same_files(old, new, "segments", "*.bin")
+        else:
+            name = "_".join(arguments[:2])
+            yield f"episodes {name}", *same_episodes(old, new, name)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--old", type=Path, required=True, help="another checkout of this repository")
+    parser.add_argument("--tolerance", type=float, default=0.0, help="of detections (default: 0, equal bits)")
+    args = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        sides = Side(args.old, Path(folder, "old")), Side(HERE, Path(folder, "new"))
+        results = list(compare(*sides, args.tolerance))
+    for what, same, details in results:
+        print(f"{'same ' if same else 'OTHER'} {what}: {details}")
+    sys.exit(not all(same for _, same, _ in results))
+
+
+if __name__ == "__main__":
+    main()
