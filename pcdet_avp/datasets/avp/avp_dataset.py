@@ -58,6 +58,10 @@ class AvpDataset(torch.utils.data.Dataset):
         self._epoch = torch.full((), UNSET_EPOCH, dtype=torch.int64).share_memory_()
         self._visits = torch.zeros(len(self.frame_ids), dtype=torch.int64).share_memory_()
 
+    def __getstate__(self) -> dict:
+        """For another process, whatever started it: everything but the log, which is this process's."""
+        return self.__dict__ | {"logger": None}
+
     def _find_frames(self) -> list[str]:
         manifest = read_manifest(self.root_path)
         file = self.root_path / MANIFEST_FILE

@@ -15,9 +15,7 @@ from pcdet_avp.models.weights.agreement import CARRIED, check_meaning
 from pcdet_avp.models.weights.openpcdet import is_openpcdet, load_openpcdet
 
 
-def load_weights(
-    model: nn.Module, content: Mapping[str, Any], path: str | os.PathLike, logger: logging.Logger
-) -> None:
+def load_weights(model: nn.Module, content: Mapping[str, Any], path: str | os.PathLike, logger: logging.Logger) -> None:
     """Copy a checkpoint's ``model_state`` into ``model`` and log what was not loaded.
 
     Weights that mean something else are refused (see ``check_meaning``).

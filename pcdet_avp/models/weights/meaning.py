@@ -138,7 +138,7 @@ def meaning_of(cfg: Mapping) -> dict[str, Any]:
 
 
 def differences(theirs: Mapping[str, Any], ours: Mapping[str, Any]) -> list[Difference]:
-    """Every key whose values differ, but for rounding, by name; of top sections that one side lacks, nothing is said."""
+    """Every key whose values differ, but for rounding, by name; nothing of top sections that one side lacks."""
     tops = [{key.partition(".")[0] for key in meaning} for meaning in (theirs, ours)]
     keys = [key for key in sorted({*theirs, *ours}) if all(key.partition(".")[0] in known for known in tops)]
     pairs = [Difference(key, _value(theirs, key), _value(ours, key)) for key in keys]
