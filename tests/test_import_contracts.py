@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from import_graph import circle, module_graph, room_graph
 
 import pcdet_avp
 
@@ -74,3 +75,35 @@ def test_no_optional_framework_is_needed(floor):
     loaded = loaded_after(floor)
     for framework in ("pcdet", "spconv", "mmengine", "mmdet3d", "carla"):
         assert framework not in loaded
+
+
+# From the ground up: a room may import those before it. What is not named here is bound by no order.
+PIPELINES = {
+    "pcdet_avp.sim": ["garage", "layouts", "meshes", "rays", "render", "actors", "world", "scenarios", "rig"],
+    "pcdet_avp.closed_loop": ["policy", "perception", "driver", "encounters", "episode", "sweep", "report", "video"],
+    "pcdet_avp.models": ["backbones_image", "backbones_2d", "encoders", "detectors"],
+    "pcdet_avp.engine": ["distributed", "testing", "training"],
+}
+
+
+def test_no_module_imports_itself_through_others():
+    assert circle(module_graph()) is None
+
+
+@pytest.mark.parametrize("package", ["pcdet_avp", *PIPELINES])
+def test_no_room_imports_itself_through_others(package):
+    assert circle(room_graph(package)) is None
+
+
+@pytest.mark.parametrize("package", PIPELINES)
+def test_rooms_read_as_their_pipeline(package):
+    graph, order = room_graph(package), PIPELINES[package]
+    assert set(order) <= set(graph)
+    for place, room in enumerate(order):
+        above = graph[room] & set(order[place:])
+        assert not above, f"{package}.{room} imports {sorted(above)}, which come later in {' -> '.join(order)}"
+
+
+def test_a_circle_is_found():
+    assert circle({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}}) is not None
+    assert circle({"a": {"b", "c"}, "b": {"c"}, "c": set()}) is None
