@@ -16,6 +16,7 @@ from pcdet_avp.errors import AvpError
 # with anyone else, that makes training five times slower. OpenMP reads this when torch is first imported, after us.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
+CKPT_HELP = "checkpoint (default: the newest of the run, or the weights that come with the package)"
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 

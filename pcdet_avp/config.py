@@ -1,8 +1,10 @@
 """Configuration: OpenPCDet's YAML schema, read into an ``EasyDict``; there is no global configuration.
 
 ``_BASE_CONFIG_: path`` in any mapping pulls in another file, relative to the file that names it, and so on
-recursively; mappings merge key by key, everything else (lists too) is replaced. A relative ``DATA_PATH`` is
-made absolute against the file that holds it, or against the working directory where it comes from ``--set``.
+recursively; mappings merge key by key, everything else (lists too) is replaced. A file that is not there is looked
+for among those that come with the package (``pcdet_avp.shipped``). A relative ``DATA_PATH`` is made absolute against
+the file that holds it, against the working folder where that file lies in an installed package or the value comes
+from ``--set``.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ from typing import Any
 import yaml
 from easydict import EasyDict
 
+from pcdet_avp import shipped
 from pcdet_avp.errors import ConfigError
 
 BASE_KEY = "_BASE_CONFIG_"
@@ -44,8 +47,8 @@ _Loader.add_implicit_resolver(
 
 
 def load_config(path: str | os.PathLike) -> EasyDict:
-    """Read a YAML file with everything it builds on."""
-    return EasyDict(_load(Path(path), ()))
+    """Read a YAML file with everything it builds on; ``shipped.find_config`` says which file."""
+    return EasyDict(_load(shipped.find_config(path), ()))
 
 
 def _load(path: Path, parents: tuple[Path, ...]) -> dict:
@@ -87,7 +90,7 @@ def _expand(content: dict, path: Path, chain: tuple[Path, ...], prefix: str) -> 
         if isinstance(value, dict):
             value = _expand(value, path, chain, f"{prefix}{key}.")
         elif key in PATH_KEYS and isinstance(value, str):
-            value = os.path.abspath(path.parent / value)
+            value = shipped.in_home(os.path.abspath(path.parent / value))
         own[key] = value
     return _merge(base, own, path, prefix)
 
@@ -95,9 +98,9 @@ def _expand(content: dict, path: Path, chain: tuple[Path, ...], prefix: str) -> 
 def _base_path(named: Any, path: Path, prefix: str) -> Path:
     if not isinstance(named, str):
         raise ConfigError(f"{path}: {prefix}{BASE_KEY} must be the path of a file, found {_kind(named)}")
-    base = path.parent / named
-    if not base.is_file():
-        raise ConfigError(f"{path}: {prefix}{BASE_KEY} names {named!r}, but there is no file {os.path.abspath(base)}")
+    base = shipped.find(named, path.parent)
+    if base is None or not base.is_file():
+        raise ConfigError(f"{path}: {prefix}{BASE_KEY} names {named!r}, but {shipped.not_found(named, path.parent)}")
     return base
 
 

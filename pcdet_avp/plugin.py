@@ -15,11 +15,11 @@ import sys
 from collections.abc import MutableMapping
 from pathlib import Path
 
+from pcdet_avp import shipped
 from pcdet_avp.cli import run_tool
 from pcdet_avp.errors import PluginError
 
 OPENPCDET = "pcdet"
-CHECKOUT = Path(__file__).parents[1]
 
 
 def our_classes() -> dict[str, dict[str, type]]:
@@ -104,13 +104,10 @@ def run_script(script: Path, arguments: list[str]) -> None:
 
 
 def find_configs(arguments: list[str]) -> list[str]:
-    """The arguments; a configuration that is not below the working directory is found in our checkout."""
-    return [
-        str(CHECKOUT / word)
-        if word.endswith(".yaml") and not Path(word).exists() and (CHECKOUT / word).is_file()
-        else word
-        for word in arguments
-    ]
+    """The arguments; a configuration or weights not below the working folder are those that come with the package."""
+    wanted = (word for word in arguments if Path(word).suffix in shipped.PATTERNS and not Path(word).exists())
+    found = {word: place for word in wanted if (place := shipped.find(word)) is not None}
+    return [str(found.get(word, word)) for word in arguments]
 
 
 def main() -> None:

@@ -26,7 +26,7 @@ def provenance(
     return {
         "config": config_name,
         "config_hash": config_hash(cfg),
-        "command": shlex.join([Path(sys.executable).name, *sys.argv]),
+        "command": command(),
         "versions": versions(),
         "git_commit": git_commit(),
         "seed": seed,
@@ -34,6 +34,17 @@ def provenance(
         "machine": machine(),
         "wall_time_s": None if started is None else round(time.time() - started, 1),
     }
+
+
+def command() -> str:
+    """The command line of this process, without the folder that Python or a console script lies in."""
+    program, module = Path(sys.argv[0]), getattr(sys.modules["__main__"], "__spec__", None)
+    start = [Path(sys.executable).name, sys.argv[0]]
+    if module is not None and module.name.startswith("pcdet_avp."):
+        start = [Path(sys.executable).name, "-m", module.name]
+    elif program.suffix != ".py":
+        start = [program.name]
+    return shlex.join([*start, *sys.argv[1:]])
 
 
 def versions() -> dict[str, str]:

@@ -76,7 +76,7 @@ def test_a_broken_file_is_named_with_its_line_or_key(write, text):
 
 
 def test_a_missing_or_unreadable_file_is_named(tmp_path):
-    with pytest.raises(ConfigError, match=r"none.yaml: cannot read"):
+    with pytest.raises(ConfigError, match=r"none.yaml: there is no file"):
         load_config(tmp_path / "none.yaml")
     with pytest.raises(ConfigError, match="cannot read"):
         load_config(tmp_path)

@@ -61,7 +61,17 @@ def test_lower_floors_do_not_look_up(floor):
     loaded = loaded_after(floor)
     above = tuple(
         f"pcdet_avp.{name}"
-        for name in ("sim", "datasets", "models", "engine", "closed_loop", "generate", "openpcdet", "bandwidth")
+        for name in (
+            "sim",
+            "datasets",
+            "models",
+            "engine",
+            "closed_loop",
+            "generate",
+            "openpcdet",
+            "bandwidth",
+            "commands",
+        )
     )
     reached = sorted(name for name in loaded if name.startswith(above))
     assert not reached, f"pcdet_avp.{floor} must not import {reached}"

@@ -7,70 +7,7 @@ python tools/bandwidth_report.py --cfg cfgs/avp/cp_small.yaml --ckpt F --studies
 Writes report.md, bandwidth.json and plots; the same command goes on where it stopped.
 """
 
-from __future__ import annotations
-
-import argparse
-import time
-from pathlib import Path
-
-from pcdet_avp.bandwidth.plan import STUDIES
-from pcdet_avp.bandwidth.report import make_content, write_report
-from pcdet_avp.bandwidth.study import StudyOptions, run_study
-from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
-from pcdet_avp.datasets import build_dataset
-from pcdet_avp.datasets.avp.splits import SPLITS
-from pcdet_avp.engine import checkpoint, distributed
-from pcdet_avp.engine.outputs import RunFolder, open_log
-from pcdet_avp.engine.testing.detect import parse_combos
-from pcdet_avp.engine.testing.run import load_network
-from pcdet_avp.files import make_folder
-from pcdet_avp.link.nr_v2x import BYTES_PER_SLOT
-from pcdet_avp.models.weights.checkpoint_file import THRESHOLDS_KEY
-from pcdet_avp.provenance import provenance
-
-
-def parse_arguments() -> argparse.Namespace:
-    parser = config_parser("Bytes, rate, and AP against bytes, block loss and pose error.")
-    parser.add_argument("--ckpt", type=Path, required=True, help="checkpoint")
-    parser.add_argument("--split", choices=SPLITS, default="test")
-    parser.add_argument("--every", type=int, default=1, metavar="N", help="every N-th frame of each scene")
-    parser.add_argument("--frames", type=int, metavar="N", help="only the first N of those")
-    parser.add_argument("--combos", default="C+CL,CL+CL", help="sensor combinations with a roadside")
-    parser.add_argument("--studies", default=",".join(STUDIES), help=f"some of {','.join(STUDIES)} (default: all)")
-    parser.add_argument("--budget", type=int, metavar="B", help="bytes per map (default: the paper's 72 KB, scaled)")
-    parser.add_argument("--mcs", type=int, choices=BYTES_PER_SLOT, default=21, help="decides what a block carries")
-    parser.add_argument("--seed", type=int, default=0, help="of losses, pose errors and intervals")
-    parser.add_argument("--out", type=Path, help="folder (default: bandwidth in the run's folder)")
-    parser.add_argument("--workers", type=int, default=1, help="processes that load data (default: 1)")
-    parser.add_argument("--device", choices=("cpu", "cuda"), help="default: a GPU where there is one")
-    return parser.parse_args()
-
-
-def main() -> None:
-    args, started = parse_arguments(), time.time()
-    cfg, ranks = load_arguments_config(args), distributed.start(device=args.device)
-    options = StudyOptions(
-        studies=tuple(name.strip() for name in args.studies.split(",") if name.strip()),
-        combos=tuple(parse_combos(args.combos)),
-        every=args.every,
-        frames=args.frames,
-        mcs=args.mcs,
-        seed=args.seed,
-        budget_bytes=args.budget,
-    )
-    out = args.out or RunFolder.of(args.cfg).root / "bandwidth"
-    make_folder(out)
-    logger = open_log(out, "bandwidth")
-    dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split=args.split, logger=logger)
-    model, content = load_network(cfg, args.ckpt, dataset, ranks, logger)
-    weights = checkpoint.weights_hash(content["model_state"])
-    study = run_study(model, cfg, dataset, weights, options, out, ranks, logger, args.workers)
-    seed = content.get("sampler", {}).get("seed")
-    meta = provenance(cfg, Path(args.cfg).stem, seed=seed, weights_hash=weights, started=started)
-    about = {"checkpoint": args.ckpt.name, "iterations": content.get("it")}
-    write_report(make_content(study, dataset, content.get(THRESHOLDS_KEY), meta | about), out)
-    print((out / "report.md").read_text(encoding="utf-8") + f"\nwritten to {out}")
-
+from pcdet_avp.commands.bandwidth_report import run
 
 if __name__ == "__main__":
-    run_tool(main)
+    run()

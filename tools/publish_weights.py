@@ -4,38 +4,7 @@ python tools/publish_weights.py --ckpt output/avp/cp_small/default/ckpt/checkpoi
 python tools/publish_weights.py --ckpt weights/cp_small.pth --out cp_small.safetensors        for other programs, too
 """
 
-from __future__ import annotations
-
-import argparse
-from pathlib import Path
-
-from pcdet_avp.cli import run_tool
-from pcdet_avp.engine.checkpoint import save, weights_hash
-from pcdet_avp.errors import CheckpointError
-from pcdet_avp.models.weights.agreement import MEANING_KEY, meaning_in
-from pcdet_avp.models.weights.checkpoint_file import THRESHOLDS_KEY, read_checkpoint
-
-KEPT = ("model_state", "epoch", "it", "elapsed_s", "version", "versions", "config_name", "config_hash", "config")
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--ckpt", type=Path, required=True, help="checkpoint of a finished run")
-    parser.add_argument("--out", type=Path, required=True, help="file to write, .pth or .safetensors")
-    args = parser.parse_args()
-    content = read_checkpoint(args.ckpt)
-    missing = [key for key in (*KEPT, THRESHOLDS_KEY) if key not in content]
-    if missing:
-        raise CheckpointError(
-            f"{args.ckpt}: lacks {', '.join(missing)}; tools/train.py chooses score thresholds at the end of a run"
-        )
-    config = content["config"]
-    data = {**config["DATA_CONFIG"], "DATA_PATH": Path(config["DATA_CONFIG"]["DATA_PATH"]).name}  # no path of this disk
-    kept = {key: content[key] for key in (*KEPT, THRESHOLDS_KEY)}
-    save(args.out, kept | {"config": {**config, "DATA_CONFIG": data}, MEANING_KEY: meaning_in(content)})
-    size = args.out.stat().st_size / 2**20
-    print(f"wrote {args.out}: weights {weights_hash(content['model_state'])}, {size:.1f} MB")
-
+from pcdet_avp.commands.publish_weights import run
 
 if __name__ == "__main__":
-    run_tool(main)
+    run()

@@ -17,6 +17,7 @@ from pcdet_avp.closed_loop.measurements import Measurements
 from pcdet_avp.closed_loop.perception.perceiver import Message, Perceived, Perceiver
 from pcdet_avp.sim.dynamics import LongitudinalState, drive
 from pcdet_avp.sim.scenarios.scenario import Scenario
+from pcdet_avp.sim.world import World
 from pcdet_avp.structures.boxes import transform_boxes
 from pcdet_avp.structures.ego import BUMPER_X_M
 from pcdet_avp.structures.sensor_set import SensorSet
@@ -56,6 +57,11 @@ class Episode:
     @property
     def time_s(self) -> float:
         return self._tick * self.settings.tick_s
+
+    @property
+    def world(self) -> World:
+        """The world as it stands; whoever acts in the episode only reads it."""
+        return self._world
 
     @property
     def front_x(self) -> float:

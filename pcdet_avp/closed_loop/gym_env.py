@@ -1,4 +1,4 @@
-"""The closed loop as a Gymnasium environment: bring your own controller. Needs ``pip install pcdet_avp[gym]``.
+"""The closed loop as a Gymnasium environment: bring your own controller. Needs ``pip install ".[gym]"``.
 
     env = gymnasium.make("pcdet_avp.closed_loop.gym_env:pcdet_avp/TJunction-v0", cruising_mps=8.0)
 
@@ -17,12 +17,13 @@ try:
     import gymnasium
     from gymnasium import spaces
 except ModuleNotFoundError as missing:
-    raise ImportError("pcdet_avp.closed_loop.gym_env needs gymnasium: pip install pcdet_avp[gym]") from missing
+    raise ImportError('pcdet_avp.closed_loop.gym_env needs gymnasium: pip install ".[gym]"') from missing
 
 from pcdet_avp.closed_loop.episode import Episode
 from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
 from pcdet_avp.closed_loop.perception.oracle import Oracle
 from pcdet_avp.closed_loop.perception.perceiver import Perceived, Perceiver, PerceiverSettings
+from pcdet_avp.closed_loop.video.plan_view import PlanView
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.sim.scenarios.table import draw_scenario
 from pcdet_avp.structures.frame import CLASS_NAMES
@@ -47,10 +48,10 @@ class AvpEnv(gymnasium.Env):
     (negative beyond it); ``boxes`` (64, 7) in the ego frame, nearest first; ``classes`` (64,) index into
     ``CLASS_NAMES``; ``mask`` (64,) 1 where there is a detection. Nothing is perceived while nobody can matter.
     Reward: metres driven, minus 200 for a crash. It ends with a crash or when everybody is passed, and is truncated
-    after ``settings.time_limit_s``.
+    after ``settings.time_limit_s``. With ``render_mode="rgb_array"``, ``render`` draws the garage from above.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": []}
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 20}
 
     def __init__(
         self,
@@ -62,14 +63,16 @@ class AvpEnv(gymnasium.Env):
         render_mode: str | None = None,
     ) -> None:
         """``perceiver`` None: the oracle. ``combo``: the sensors that it may use."""
-        if render_mode is not None:
-            raise ConfigError(f"render_mode: expected None, found {render_mode!r}; closed_loop.video makes videos")
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise ConfigError(f"render_mode: expected None or 'rgb_array', found {render_mode!r}")
         draw_scenario(scenario, 0, 0, cruising_mps)  # a wrong name or speed shows now
         self._scenario, self._cruising_mps, self._combo = scenario, cruising_mps, SensorSet.parse(combo)
         self._perceiver = perceiver or Oracle(PerceiverSettings(PAPER_RANGE))
         self._settings = replace(settings or EpisodeSettings(), keep_perceived=True)
         self._episode: Episode | None = None
+        self._view: PlanView | None = None
         self.render_mode = render_mode
+        self.metadata = {**self.metadata, "render_fps": round(1 / self._settings.tick_s)}
         self.action_space = spaces.Box(0.0, cruising_mps, (1,), np.float32)
         self.observation_space = spaces.Dict(
             speed=spaces.Box(0.0, FAST_MPS, (1,), np.float32),
@@ -85,8 +88,16 @@ class AvpEnv(gymnasium.Env):
         wanted = {"seed": int(self.np_random.integers(2**31)), "trial": 0} | (options or {})
         scenario = draw_scenario(self._scenario, wanted["seed"], wanted["trial"], self._cruising_mps)
         self._episode = Episode(scenario, self._perceiver, self._combo, self._settings)
+        self._view = PlanView(scenario) if self.render_mode else None
+        self._action_mps = self._cruising_mps
         self._look()
         return self._observation(), self._info()
+
+    def render(self) -> np.ndarray | None:
+        """(648, 864, 3) uint8 RGB, the garage from above; None without a ``render_mode``."""
+        if self._view is None:
+            return None
+        return self._view.picture(self._episode, self._seen, self._action_mps)
 
     def step(self, action):
         """One tick: act, let the world go on, look again."""
@@ -94,7 +105,8 @@ class AvpEnv(gymnasium.Env):
         if episode is None or episode.over:
             raise gymnasium.error.ResetNeeded("the episode is over (or has not begun): call reset() first")
         before = episode.state.position
-        episode.move(float(np.clip(action, 0.0, self._cruising_mps)[0]))
+        self._action_mps = float(np.clip(action, 0.0, self._cruising_mps)[0])
+        episode.move(self._action_mps)
         reward = episode.state.position - before - CRASH_COST * episode.crashed
         self._look()
         ended = episode.crashed or episode.passed

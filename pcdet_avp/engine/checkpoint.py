@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -18,13 +19,14 @@ from torch import nn
 
 from pcdet_avp.errors import CheckpointError
 from pcdet_avp.models.weights.agreement import check_meaning
-from pcdet_avp.models.weights.checkpoint_file import read_checkpoint
+from pcdet_avp.models.weights.checkpoint_file import iterations_of, read_checkpoint
 from pcdet_avp.models.weights.safetensors_file import SUFFIX, encode
 from pcdet_avp.models.weights.weights_hash import weights_hash
 
-__all__ = ["LATEST", "drop_oldest", "load_model", "load_newest", "newest_first", "save", "weights_hash"]
+__all__ = ["LATEST", "drop_oldest", "furthest_first", "load_model", "load_newest", "save", "weights_hash"]
 
 LATEST = "latest_model.pth"
+EPOCH_FILE = re.compile(r"checkpoint_epoch_(\d+)\.pth")
 logger = logging.getLogger(__name__)
 
 
@@ -72,33 +74,65 @@ def load_model(
     model.load_state_dict(theirs)
 
 
-def newest_first(folder: Path) -> list[Path]:
-    """The checkpoints of a run, the one written last first."""
-    return sorted(folder.glob("*.pth"), key=lambda path: (path.stat().st_mtime_ns, path.name), reverse=True)
+def furthest_first(folder: Path) -> list[Path]:
+    """The checkpoints of a run that can be read, the one trained longest first: by what is in them.
+
+    Times of files say nothing after a copy. Of two that are equally far the one written last comes first.
+    CheckpointError where there are some and none can be read.
+    """
+    readable, damaged = _by_progress(folder)
+    if damaged and not readable:
+        raise CheckpointError(_none_readable(folder, map(_problem, damaged)))
+    return readable
+
+
+def _by_progress(folder: Path) -> tuple[list[Path], list[Path]]:
+    """Checkpoints that can be read, furthest first, and those that cannot, by name."""
+    iterations = {path: iterations_of(path) for path in sorted(folder.glob("*.pth"))}
+    readable = [path for path, it in iterations.items() if it is not None]
+    readable.sort(key=lambda path: (iterations[path], path.stat().st_mtime_ns, path.name), reverse=True)
+    return readable, [path for path, it in iterations.items() if it is None]
 
 
 def load_newest(folder: Path, device: torch.device | str = "cpu") -> tuple[Path, dict[str, Any], list[str]] | None:
-    """(path, content, complaints) of the newest checkpoint that can be read; None where there is none at all.
+    """(path, content, complaints) of the furthest checkpoint that can be read; None where there is none at all.
 
-    Damaged ones before it are renamed, so that nothing overwrites them, and complained about. If all are damaged,
-    that is an error, and they stay as they are.
+    Damaged ones are renamed, so that nothing overwrites them, and complained about. If all are damaged, that is an
+    error, and they stay as they are.
     """
-    damaged: dict[Path, str] = {}
-    for path in newest_first(folder):
+    readable, damaged = _by_progress(folder)
+    problems = {path: _problem(path) for path in damaged}
+    for path in readable:
         try:
             content = read_checkpoint(path, device)
-        except CheckpointError as error:
-            damaged[path] = str(error)
+        except CheckpointError as error:  # its tensors are damaged
+            problems[path] = str(error)
             continue
-        return path, content, [f"{why}; kept as {_set_aside(bad).name}" for bad, why in damaged.items()]
-    if damaged:
-        raise CheckpointError(f"{folder}: no checkpoint can be read; " + "; ".join(damaged.values()))
+        return path, content, [f"{why}; kept as {_set_aside(bad).name}" for bad, why in problems.items()]
+    if problems:
+        raise CheckpointError(_none_readable(folder, problems.values()))
     return None
 
 
+def _none_readable(folder: Path, problems: Iterable[str]) -> str:
+    return f"{folder}: no checkpoint can be read; " + "; ".join(problems)
+
+
+def _problem(path: Path) -> str:
+    try:
+        read_checkpoint(path)
+    except CheckpointError as error:
+        return str(error)
+    return f"{path}: cannot be read"
+
+
 def drop_oldest(folder: Path, keep: int) -> None:
-    """Remove epoch checkpoints, oldest first, until ``keep`` are left."""
-    for path in [p for p in newest_first(folder) if p.name != LATEST][keep:]:
+    """Remove epoch checkpoints, those of the first epochs first, until ``keep`` are left; 0 keeps all.
+
+    Files of other names are the user's and stay.
+    """
+    epochs = {path: int(match[1]) for path in folder.glob("*.pth") if (match := EPOCH_FILE.fullmatch(path.name))}
+    for path in sorted(epochs, key=epochs.get, reverse=True)[keep:] if keep else ():
         path.unlink(missing_ok=True)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -13,7 +13,9 @@ from pathlib import Path
 import yaml
 from tqdm import tqdm
 
+from pcdet_avp import shipped
 from pcdet_avp.config import plain
+from pcdet_avp.errors import ConfigError
 from pcdet_avp.files import make_folder, write_text
 
 CONFIG_FOLDER = "cfgs"
@@ -57,6 +59,28 @@ class RunFolder:
     def write_config(self, cfg: Mapping, name: str) -> None:
         """The configuration with its bases and overrides resolved."""
         write_text(self.root / f"{name}.yaml", yaml.safe_dump(plain(cfg), sort_keys=False))
+
+
+def choose_checkpoint(
+    given: str | os.PathLike | None, cfg: str | os.PathLike, folder: Path, tell: Callable[[str], None]
+) -> Path:
+    """The checkpoint that a tool works with: the given one, the furthest in a run's ``folder``, or the package's own.
+
+    Without a given one, ``tell`` hears which was taken. The package's weights serve the configuration that they were
+    trained with, ``cfg``, and no other. ConfigError where there is none at all.
+    """
+    if given is not None:
+        return shipped.find_checkpoint(given)
+    from pcdet_avp.engine.checkpoint import furthest_first  # imports torch
+
+    if own := furthest_first(folder):
+        tell(f"no --ckpt: taking the checkpoint of this run that was trained longest, {own[0]}")
+        return own[0]
+    weights = shipped.weights_of(shipped.find_config(cfg))
+    if weights is None:
+        raise ConfigError(f"{folder}: no checkpoint there; name one with --ckpt, or train with tools/train.py")
+    tell(f"no --ckpt, and no checkpoint in {folder}: taking the weights that come with the package, {weights}")
+    return weights
 
 
 def open_log(folder: Path, kind: str, first: bool = True) -> logging.Logger:

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import yaml
 
+from pcdet_avp import shipped
 from pcdet_avp.config import plain, require
-from pcdet_avp.openpcdet.dataset import CHECKOUT
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
 
 # What OpenPCDet reads although it does not use it with adam_onecycle.
@@ -46,8 +46,8 @@ def openpcdet_config(cfg: Mapping) -> dict:
 
 
 def _relative(path: str) -> str:
-    """To our checkout, or the path as it is where that does not contain it."""
-    relative = os.path.relpath(path, CHECKOUT)
+    """To our checkout (to the working folder, for an installed package); a path that lies elsewhere as it is."""
+    relative = os.path.relpath(path, shipped.home())
     return path if relative.startswith(os.pardir) else Path(relative).as_posix()
 
 

@@ -8,14 +8,13 @@ from typing import Any
 
 import numpy as np
 
-import pcdet_avp
+from pcdet_avp import shipped
 from pcdet_avp.config import require
 from pcdet_avp.datasets.avp.avp_dataset import AvpDataset
 from pcdet_avp.datasets.avp.manifest import MANIFEST_FILE
 from pcdet_avp.errors import RecordError
 from pcdet_avp.structures.sensor_set import SensorSet
 
-CHECKOUT = Path(pcdet_avp.__file__).parents[1]
 EGO_IMAGES = "images_ego"  # (B, 3, h, w): OpenPCDet passes arrays under names that it does not know as they are
 COMBINATION_STREAM = 1  # of the random numbers, beside the augmentation's
 
@@ -54,8 +53,8 @@ class OpenPCDetAvpDataset(AvpDataset):
 
 
 def find_data(path: str, places: Sequence[Path] | None = None) -> Path:
-    """The data set's folder: an absolute path as it is; a relative one below the working directory or our checkout."""
-    places = [Path.cwd(), CHECKOUT] if places is None else places
+    """The data set's folder: an absolute path as it is; a relative one below the working folder or our checkout."""
+    places = [Path.cwd(), shipped.home()] if places is None else places
     candidates = list(dict.fromkeys((place / path).resolve() for place in places))  # an absolute path wins over places
     for candidate in candidates:
         if (candidate / MANIFEST_FILE).is_file():

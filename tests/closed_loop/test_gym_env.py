@@ -4,15 +4,18 @@ import subprocess
 import sys
 import warnings
 
+import cv2
 import numpy as np
 import pytest
 
 from pcdet_avp.closed_loop.episode import run_episode
 from pcdet_avp.closed_loop.perception.oracle import Blind, Oracle
 from pcdet_avp.closed_loop.perception.perceiver import PerceiverSettings
+from pcdet_avp.closed_loop.video.episode_picture import EGO_COLOR
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.sim.scenarios.table import draw_scenario
 from pcdet_avp.structures.sensor_set import SensorSet
+from pcdet_avp.visualization.palette import TRUE_COLOR
 
 gymnasium = pytest.importorskip("gymnasium")
 
@@ -90,6 +93,59 @@ def test_who_stands_still_is_cut_off_by_the_time_limit():
         env.step(np.zeros(1, np.float32))
 
 
+@pytest.fixture
+def rendered():
+    """An environment that draws, at its start."""
+    env = gymnasium.make(f"pcdet_avp.closed_loop.gym_env:{next(iter(IDS))}", cruising_mps=6.0, render_mode="rgb_array")
+    env.reset(options={"seed": 3, "trial": 0})
+    return env
+
+
+def test_a_picture_shows_who_moves_and_changes_with_the_drive(rendered):
+    first, _ = rendered.render(), rendered.step(np.array([6.0], np.float32))
+    assert (first.shape, first.dtype) == ((648, 864, 3), np.uint8)
+    for _ in range(60):
+        rendered.step(np.array([6.0], np.float32))
+    later = rendered.render()
+    assert (first != later).any(-1).mean() > 0.01  # the garage has moved past
+    for color in (EGO_COLOR, TRUE_COLOR):
+        assert (later == color).all(-1).sum() > 50
+
+
+def test_drawing_changes_nothing_and_is_off_by_default(rendered):
+    silent = gymnasium.make(f"pcdet_avp.closed_loop.gym_env:{next(iter(IDS))}", cruising_mps=6.0)
+    silent.reset(options={"seed": 3, "trial": 0})
+    assert silent.unwrapped.render() is None
+    for _ in range(20):
+        drawn, plain = (env.step(np.array([5.0], np.float32)) for env in (rendered, silent))
+        rendered.render()
+        assert drawn[1] == plain[1]
+        assert all(np.array_equal(drawn[0][key], plain[0][key]) for key in drawn[0])
+
+
+def test_gymnasium_records_a_video_of_an_episode(rendered, tmp_path):
+    pytest.importorskip("moviepy")
+    env = gymnasium.wrappers.RecordVideo(rendered, str(tmp_path / "videos"), video_length=8)
+    assert env.frames_per_sec == 20
+    env.reset()
+    for _ in range(12):
+        env.step(np.array([6.0], np.float32))
+    env.close()
+    (file,) = tmp_path.glob("videos/*.mp4")
+    video = cv2.VideoCapture(str(file))
+    count = 0
+    while (read := video.read())[0]:
+        assert read[1].shape == (648, 864, 3)
+        assert read[1].std() > 10
+        count += 1
+    assert count in (8, 9)  # gymnasium counts the first frame or not, by its version
+
+
+def test_an_unknown_render_mode_is_refused():
+    with pytest.raises(ConfigError, match="render_mode: expected None or 'rgb_array', found 'human'"):
+        gym_env.AvpEnv(render_mode="human")
+
+
 @pytest.mark.parametrize("name", IDS)
 def test_gymnasium_has_no_complaint(name):
     env = gymnasium.make(name, cruising_mps=7.0)
@@ -118,4 +174,4 @@ except ImportError as error:
     print(error)
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout == "pcdet_avp.closed_loop.gym_env needs gymnasium: pip install pcdet_avp[gym]\n"
+    assert done.stdout == 'pcdet_avp.closed_loop.gym_env needs gymnasium: pip install ".[gym]"\n'

@@ -1,6 +1,6 @@
 """Tools called in this process, in a working directory of their own."""
 
-import importlib.util
+import importlib
 import sys
 from pathlib import Path
 
@@ -12,15 +12,8 @@ CFG = str(REPOSITORY / "cfgs" / "avp" / "cp_tiny.yaml")
 
 @pytest.fixture(scope="session")
 def load_tool():
-    """``load_tool(name)``: tools/<name>.py as a module."""
-
-    def load(name):
-        spec = importlib.util.spec_from_file_location(f"tools_{name}", REPOSITORY / "tools" / f"{name}.py")
-        module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-        return module
-
-    return load
+    """``load_tool(name)``: the module that tools/<name>.py runs."""
+    return lambda name: importlib.import_module(f"pcdet_avp.commands.{name}")
 
 
 @pytest.fixture(scope="session")

@@ -52,7 +52,7 @@ def test_an_episode_over_a_lossy_link_that_is_cut(drive, ckpt):
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
-        (("model",), ConfigError, "needs trained weights: give --ckpt FILE"),
+        (("model",), ConfigError, "no checkpoint there; name one with --ckpt"),
         (("model", "--ckpt", "nowhere.pth"), CheckpointError, "nowhere.pth"),
         (("model", "--ckpt", "CKPT", "--delay_ms", 50), ConfigError, "--delay_ms: an ideal link has no such thing"),
         (("los", "--link", "nr_v2x"), ConfigError, "belong to --perception model"),

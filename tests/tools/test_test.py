@@ -71,9 +71,9 @@ def test_detections_are_kept_as_arrays_and_as_texts(call, trained, tmp_path):
 def test_early_checkpoints_can_be_left_out(load_tool, trained):
     tool = load_tool("test")
     args = SimpleNamespace(ckpt=None, ckpt_dir=trained / "ckpt", eval_all=True, start_epoch=2)
-    assert [path.name for path in tool._checkpoints(args, None)] == ["checkpoint_epoch_2.pth"]
+    assert [path.name for path in tool._checkpoints(args, None, None)] == ["checkpoint_epoch_2.pth"]
     args.start_epoch = 0
-    assert len(tool._checkpoints(args, None)) == 2
+    assert len(tool._checkpoints(args, None, None)) == 2
 
 
 def test_every_checkpoint_of_a_run_gives_a_curve(call, trained):
@@ -84,7 +84,7 @@ def test_every_checkpoint_of_a_run_gives_a_curve(call, trained):
 
 def test_weights_of_another_configuration_are_named_by_the_first_difference(call, trained, tmp_path):
     ckpt = trained / "ckpt" / "checkpoint_epoch_2.pth"
-    with pytest.raises(CheckpointError, match=r"another configuration: encoders\..*: expected .*, found "):
+    with pytest.raises(CheckpointError, match=r"MODEL\.NUM_BEV_FEATURES is 16 in the file and 32 here"):
         call(tmp_path, "test", "--ckpt", ckpt, overrides=["MODEL.NUM_BEV_FEATURES", 32])
 
 

@@ -134,9 +134,8 @@ def test_a_wrong_input_is_one_line_and_exit_status_2(tmp_path):
     command = [sys.executable, REPOSITORY / "tools" / "train.py", "--cfg", tmp_path / "none.yaml"]
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path, env=os.environ)
     assert done.returncode == 2
-    assert done.stderr.splitlines() == [
-        f"error: {tmp_path / 'none.yaml'}: cannot read this configuration file (No such file or directory)"
-    ]
+    (line,) = done.stderr.splitlines()
+    assert line.startswith(f"error: {tmp_path / 'none.yaml'}: there is no file of this name")
 
 
 def test_without_a_validation_split_no_scores_are_chosen_and_it_says_so(call, tiny_data, tmp_path):

@@ -15,6 +15,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from pcdet_avp import shipped
 from pcdet_avp.config import apply_overrides, load_config
 from pcdet_avp.datasets.avp.network_input import NetworkInput
 from pcdet_avp.engine.checkpoint import load_model, weights_hash
@@ -66,11 +67,8 @@ def load(
     if cfg_file is None or ckpt is None:
         missing = "--cfg FILE" if cfg_file is None else "--ckpt FILE"
         raise ConfigError(f"--perception model needs a configuration and trained weights: give {missing}")
-    try:
-        written_ns = Path(ckpt).stat().st_mtime_ns
-    except OSError as error:
-        raise CheckpointError(f"{ckpt}: cannot read this checkpoint ({error.strerror})") from error
-    return _load(str(cfg_file), tuple(overrides), str(ckpt), written_ns, sha256, amp)
+    file = shipped.find_checkpoint(ckpt)
+    return _load(str(cfg_file), tuple(overrides), str(file), file.stat().st_mtime_ns, sha256, amp)
 
 
 @lru_cache(maxsize=1)

@@ -7,11 +7,13 @@ import hashlib
 from pathlib import Path
 from typing import Any
 
+from pcdet_avp import shipped
 from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
 from pcdet_avp.closed_loop.perception.link_options import LinkOptions, given_link_options
 from pcdet_avp.closed_loop.perception.perceiver import SENSORLESS
 from pcdet_avp.closed_loop.sweep.sweep import Sweep
 from pcdet_avp.config import apply_overrides, config_hash, load_config, plain, require
+from pcdet_avp.engine.outputs import RunFolder, choose_checkpoint
 from pcdet_avp.errors import CheckpointError, ConfigError
 from pcdet_avp.provenance import provenance
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
@@ -51,7 +53,10 @@ def _network(args: argparse.Namespace, overrides: tuple[str, ...]) -> dict[str, 
     """What ``model`` alone is built from."""
     options = given_link_options(args)
     LinkOptions.of(args.link, options)  # raises where they cannot be
-    files = {"cfg_file": args.cfg, "overrides": overrides, "ckpt": args.ckpt, "ckpt_sha256": file_hash(args.ckpt)}
+    ckpt = choose_checkpoint(args.ckpt, args.cfg, RunFolder.of(args.cfg).checkpoints, print).absolute()
+    # Absolute: a worker elsewhere must not take another file of the same name for it.
+    files = {"cfg_file": str(shipped.find_config(args.cfg)), "overrides": overrides}
+    files |= {"ckpt": str(ckpt), "ckpt_sha256": file_hash(ckpt)}
     return {**files, "use_amp": args.use_amp, "link": args.link, "options": options}
 
 
@@ -72,13 +77,10 @@ def _identity(args: argparse.Namespace, cfg: dict, perceiver: dict[str, Any]) ->
     return {"config_hash": config_hash(cfg), "weights": weights, **{key: perceiver[key] for key in keys}}
 
 
-def file_hash(path: str | None) -> str:
-    """SHA-256 of a checkpoint file; raises where there is none."""
-    if path is None:
-        raise ConfigError("--perception model needs trained weights: give --ckpt FILE")
+def file_hash(path: Path) -> str:
+    """SHA-256 of a checkpoint file; raises where it cannot be read."""
     try:
-        with open(path, "rb") as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest()
+        return hashlib.sha256(path.read_bytes()).hexdigest()
     except OSError as error:
         raise CheckpointError(f"{path}: cannot be read ({error.strerror})") from error
 

@@ -65,31 +65,21 @@ class EpisodePainter:
         return panel if used else panel // 2
 
     def _map(self, moment: Moment) -> np.ndarray:
-        canvas = self._window(moment.ego.world_from_agent)
+        canvas = window_around(self._plan, moment.ego.world_from_agent, self._end_x)
         mast = moment.infra.world_from_agent
         if self._uses_infra:
             _wedge(canvas, mast, MAST_COLOR)
         _wedge(canvas, moment.ego.world_from_agent, EGO_LIGHT)
-        ego = transform_boxes(moment.ego.world_from_agent, EGO_FOOTPRINT)
-        canvas.fill(bev_corners(ego)[0], EGO_COLOR)
-        canvas.fill(bev_corners(transform_boxes(moment.ego.world_from_agent, WINDSCREEN))[0], WINDSCREEN_COLOR)
+        fill_ego(canvas, moment.ego.world_from_agent)
         canvas.boxes(moment.ignored, np.array([IGNORED_COLOR] * len(moment.ignored), np.uint8).reshape(-1, 3), 1)
         for box in moment.users:
             canvas.fill(bev_corners(box[None])[0], TRUE_COLOR)
         if self._uses_infra:
-            _mark(canvas, moment.alone, ALONE_COLOR, 12, 2)
-        _mark(canvas, moment.fused, FUSED_COLOR, 8, 2)
+            mark(canvas, moment.alone, ALONE_COLOR, 12, 2)
+        mark(canvas, moment.fused, FUSED_COLOR, 8, 2)
         canvas.ring(mast.translation[:2], 7, MAST_COLOR, -1)
         self._labels(canvas.image, moment)
         return canvas.image
-
-    def _window(self, world_from_ego: Pose) -> BevCanvas:
-        """The part of the plan around the ego; it stops where the road ends."""
-        x_min = min(world_from_ego.translation[0] - BEHIND_M, self._end_x - WINDOW_M)
-        window = BevCanvas(x_min, FAR_RIGHT_Y_M, x_min + WINDOW_M, FAR_RIGHT_Y_M + MAP_PX[1] / MAP_SCALE, MAP_SCALE)
-        left, top = self._plan.pixels(np.array([window.x_min_m, window.y_max_m])).round().astype(int)
-        window.image = self._plan.image[top : top + MAP_PX[1], left : left + MAP_PX[0]].copy()
-        return window
 
     def _labels(self, image: np.ndarray, moment: Moment) -> None:
         put_text(image, self._title, (12, 24), scale=0.55)
@@ -106,7 +96,22 @@ class EpisodePainter:
         if moment.fused is None:
             put_text(image, "perception sleeps: nobody near", (12, 48), (150, 150, 150), 0.5)
         if moment.banner:
-            _banner(image, *moment.banner)
+            show_banner(image, *moment.banner)
+
+
+def window_around(plan: BevCanvas, world_from_ego: Pose, end_x: float) -> BevCanvas:
+    """The part of the garage's plan around the ego; it stops at ``end_x`` (m, world), where the road ends."""
+    x_min = min(world_from_ego.translation[0] - BEHIND_M, end_x - WINDOW_M)
+    window = BevCanvas(x_min, FAR_RIGHT_Y_M, x_min + WINDOW_M, FAR_RIGHT_Y_M + MAP_PX[1] / MAP_SCALE, MAP_SCALE)
+    left, top = plan.pixels(np.array([window.x_min_m, window.y_max_m])).round().astype(int)
+    window.image = plan.image[top : top + MAP_PX[1], left : left + MAP_PX[0]].copy()
+    return window
+
+
+def fill_ego(canvas: BevCanvas, world_from_ego: Pose) -> None:
+    """The ego vehicle with its windscreen."""
+    for box, color in ((EGO_FOOTPRINT, EGO_COLOR), (WINDSCREEN, WINDSCREEN_COLOR)):
+        canvas.fill(bev_corners(transform_boxes(world_from_ego, box))[0], color)
 
 
 def _wedge(canvas: BevCanvas, world_from_agent: Pose, color, reach_m: float = 45.0) -> None:
@@ -118,7 +123,7 @@ def _wedge(canvas: BevCanvas, world_from_agent: Pose, color, reach_m: float = 45
     canvas.image = cv2.addWeighted(canvas.image, 0.93, lit.image, 0.07, 0)
 
 
-def _mark(canvas: BevCanvas, boxes: np.ndarray | None, color, radius_px: int, thickness: int) -> None:
+def mark(canvas: BevCanvas, boxes: np.ndarray | None, color, radius_px: int, thickness: int) -> None:
     """Outlines of detections; small ones are ringed."""
     for box in boxes if boxes is not None else ():
         if max(box[3:5]) < SMALL_M:
@@ -128,7 +133,7 @@ def _mark(canvas: BevCanvas, boxes: np.ndarray | None, color, radius_px: int, th
             canvas.boxes(grown[None], np.array([color], np.uint8), thickness)
 
 
-def _banner(image: np.ndarray, text: str, outcome: str) -> None:
+def show_banner(image: np.ndarray, text: str, outcome: str) -> None:
     y = image.shape[0] // 2 + 90
     cv2.rectangle(image, (0, y - 30), (image.shape[1], y + 18), BANNERS[outcome], -1)
     put_text(image, text, (24, y + 2), (255, 255, 255), 0.9)

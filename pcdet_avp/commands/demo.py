@@ -1,0 +1,100 @@
+"""``avp-demo``: pictures or a video of what a network finds, without and with the roadside. Needs no display."""
+
+from __future__ import annotations
+
+import argparse
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from pcdet_avp.cli import CKPT_HELP, config_parser, load_arguments_config, run_tool
+from pcdet_avp.config import require
+from pcdet_avp.datasets import build_dataset
+from pcdet_avp.datasets.avp.network_input import NetworkInput
+from pcdet_avp.datasets.avp.splits import SPLITS
+from pcdet_avp.engine import distributed
+from pcdet_avp.engine.outputs import RunFolder, choose_checkpoint, open_log
+from pcdet_avp.engine.testing.detect import parse_combos
+from pcdet_avp.engine.testing.pictures import detection_picture
+from pcdet_avp.engine.testing.point_clouds import cloud_files, cloud_frame, cloud_picture, find_in_cloud
+from pcdet_avp.engine.testing.run import load_network
+from pcdet_avp.errors import ConfigError
+from pcdet_avp.evaluation.detections_file import write_detections
+from pcdet_avp.files import make_folder
+from pcdet_avp.models.weights.checkpoint_file import THRESHOLDS_KEY
+from pcdet_avp.visualization.video import write_picture, write_video
+
+
+def parse_arguments() -> argparse.Namespace:
+    parser = config_parser("Pictures or a video of what a network finds.")
+    parser.add_argument("--ckpt", type=Path, help=CKPT_HELP)
+    parser.add_argument("--data_path", type=Path, help="a point cloud (.bin, .npy: x, y, z, intensity), or a folder")
+    parser.add_argument("--lidar_height_m", type=float, help="of --data_path, above the floor (default: the vehicle's)")
+    parser.add_argument("--frame", metavar="ID", help="one frame (scene/frame) as a picture, instead of a video")
+    parser.add_argument("--combos", default="CL+none,CL+CL", help="sensor combinations side by side")
+    parser.add_argument("--split", choices=SPLITS, default="test")
+    parser.add_argument("--frames", type=int, help="how many frames the video shows (default: all of the split)")
+    parser.add_argument("--fps", type=float, default=2.0, help="frames of the video a second (default: 2)")
+    parser.add_argument("--out", type=Path, help="folder (default: demo in the run's folder)")
+    parser.add_argument("--device", choices=("cpu", "cuda"), help="default: a GPU where there is one")
+    return parser.parse_args()
+
+
+def main() -> None:
+    args = parse_arguments()
+    cfg, combos = load_arguments_config(args), parse_combos(args.combos)
+    ranks = distributed.start(device=args.device)
+    run_folder = RunFolder.of(args.cfg)
+    out = args.out or run_folder.root / "demo"
+    make_folder(out)
+    logger = open_log(out, "demo")
+    ckpt = choose_checkpoint(args.ckpt, args.cfg, run_folder.checkpoints, logger.info)
+    if args.data_path:
+        show_clouds(args, cfg, ckpt, ranks, out, logger)
+        return
+    dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split=args.split)
+    model, content = load_network(cfg, ckpt, dataset, ranks, logger)
+
+    def picture(index: int) -> np.ndarray:
+        return detection_picture(model, dataset, index, combos, ranks.device, content.get(THRESHOLDS_KEY))
+
+    if args.frame:
+        file = out / f"{args.frame.replace('/', '_')}.png"
+        write_picture(file, picture(_index_of(args.frame, dataset)))
+    else:
+        count = min(args.frames or len(dataset), len(dataset))
+        images = (picture(i) for i in tqdm(range(count), unit="frame", desc="drawing"))
+        file = write_video(out / f"{args.split}.mp4", images, args.fps)
+    print(f"wrote {file}")
+
+
+def show_clouds(args: argparse.Namespace, cfg, ckpt: Path, ranks: distributed.Ranks, out: Path, logger) -> None:
+    """A picture for each of the user's clouds, and one file with all detections."""
+    data_cfg = require(cfg, "DATA_CONFIG", dict)
+    height = args.lidar_height_m
+    height = require(data_cfg, "SENSORS.EGO.LIDAR.Z_M", (int, float)) if height is None else height
+    network_input, files = NetworkInput.from_config(data_cfg, cfg.CLASS_NAMES), cloud_files(args.data_path)
+    model, content = load_network(cfg, ckpt, network_input, ranks, logger)
+    everything = []
+    for file in tqdm(files, unit="cloud", desc="drawing"):
+        frame = cloud_frame(file, height)
+        found = find_in_cloud(model, frame, network_input, ranks.device, content.get(THRESHOLDS_KEY) or {})
+        write_picture(out / f"{file.stem}.png", cloud_picture(frame, found, network_input.prepare_config.grid))
+        everything.append(found)
+    write_detections(out / "detections.npz", everything)
+    print(f"wrote {len(files)} pictures and detections.npz to {out}")
+
+
+def _index_of(frame_id: str, dataset) -> int:
+    if frame_id not in dataset.frame_ids:
+        known = f"{dataset.frame_ids[0]} ... {dataset.frame_ids[-1]}"
+        raise ConfigError(f"--frame {frame_id}: not in split {dataset.split!r}, which holds {known}")
+    return dataset.frame_ids.index(frame_id)
+
+
+run = partial(run_tool, main)
+
+if __name__ == "__main__":
+    run()

@@ -1,0 +1,65 @@
+"""``avp-safety``: how fast may the car drive? Crash tables by cruising speed and sensor combination.
+
+Writes episodes.csv, summary.json, wall_times.csv and report.md with its figures, with --video videos of telling
+episodes; the same command goes on where it stopped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from functools import partial
+from pathlib import Path
+
+from pcdet_avp.cli import CKPT_HELP, config_parser, run_tool
+from pcdet_avp.closed_loop.perception.factory import PERCEIVERS
+from pcdet_avp.closed_loop.perception.link_options import add_link_arguments
+from pcdet_avp.closed_loop.report.report import write_report
+from pcdet_avp.closed_loop.sweep.arguments import sweep_meta, sweep_of
+from pcdet_avp.closed_loop.sweep.summary import crash_table, summary, write_results
+from pcdet_avp.closed_loop.sweep.sweep import run_sweep
+from pcdet_avp.closed_loop.video.video_sweep import write_sweep_videos
+from pcdet_avp.sim.scenarios.table import SCENARIOS
+
+SPEEDS_MPS = (3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0)
+
+
+def parse_arguments() -> argparse.Namespace:
+    parser = config_parser("Closed-loop safety.", default="cfgs/avp/cp_full.yaml")
+    parser.add_argument("--scenario", required=True, metavar="S", help=", ".join(SCENARIOS))
+    parser.add_argument("--perception", required=True, metavar="P", help=", ".join(PERCEIVERS))
+    parser.add_argument("--ckpt", help=f"for --perception model: {CKPT_HELP}")
+    parser.add_argument("--use_amp", action="store_true", help="compute in bf16; a tenth faster on CPUs that have it")
+    parser.add_argument("--combos", default="all", help="all, or names between commas: C+none,C+CL")
+    parser.add_argument("--speeds", nargs="+", type=float, default=SPEEDS_MPS, help="cruising speeds (m/s)")
+    parser.add_argument("--trials", type=int, default=20, help="episodes per cell (default: 20)")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--search", action="store_true", help="seek the edge of safety instead of filling the table")
+    parser.add_argument("--workers", type=int, default=2, help="processes (default: 2)")
+    parser.add_argument("--scheduler", help="address of a running Dask scheduler (tcp://host:port)")
+    parser.add_argument(
+        "--video", action="store_true", help="videos: the slowest crash, or fastest drive, of every line"
+    )
+    parser.add_argument("--out", type=Path, help="default: output/safety_eval/SCENARIO_PERCEPTION")
+    add_link_arguments(parser)
+    return parser.parse_args()
+
+
+def main() -> None:
+    args, started = parse_arguments(), time.time()
+    sweep = sweep_of(args, Path("cfgs", "closed_loop.yaml"))
+    out = args.out or Path("output", "safety_eval", f"{args.scenario}_{args.perception}")
+    finished = run_sweep(sweep, out, args.workers, args.scheduler)
+    write_results(out, finished, sweep_meta(args, sweep, started))
+    rows = [finished[case][0] for case in sorted(finished) if case.scenario == args.scenario]
+    print(f"\ncrashes of trials by cruising speed, {args.scenario}\n")
+    print(crash_table(summary(rows)["cells"], sorted(sweep.speeds)))
+    print(f"\nwrote {write_report(out)}")
+    for file in write_sweep_videos(sweep, finished, out / "videos") if args.video else ():
+        print(f"wrote {file}")
+
+
+run = partial(run_tool, main)
+
+if __name__ == "__main__":
+    run()

@@ -1,0 +1,89 @@
+"""``avp-test``: the benchmark table of a trained network, beside the paper's."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import sys
+import time
+from functools import partial
+from pathlib import Path
+
+from pcdet_avp.cli import CKPT_HELP, config_parser, load_arguments_config, run_tool
+from pcdet_avp.datasets.avp.splits import SPLITS
+from pcdet_avp.engine import distributed
+from pcdet_avp.engine.checkpoint import LATEST, furthest_first
+from pcdet_avp.engine.outputs import RunFolder, choose_checkpoint, open_log
+from pcdet_avp.engine.testing.detect import as_scalars, parse_combos
+from pcdet_avp.engine.testing.run import BenchmarkResult, run_test
+from pcdet_avp.engine.training.monitor import write_scalars
+from pcdet_avp.errors import ConfigError
+
+
+def parse_arguments() -> argparse.Namespace:
+    parser = config_parser("Test a trained network.")
+    parser.add_argument("--ckpt", type=Path, help=CKPT_HELP)
+    parser.add_argument("--combos", default="all", help="all, or names between commas: C+none,C+CL")
+    parser.add_argument("--wire", action="store_true", help="send every roadside map through encoded bytes")
+    parser.add_argument("--split", choices=SPLITS, help="default: test; with --eval_all: val")
+    parser.add_argument("--json", type=Path, help="write the result to this file as well")
+    parser.add_argument("--batch_size", type=int, default=1)
+    parser.add_argument("--workers", type=int, default=2, help="processes that load data (default: 2)")
+    parser.add_argument("--extra_tag", default="default", help="name of the run (default: default)")
+    parser.add_argument("--eval_tag", help="name of this evaluation (default: default, or wire)")
+    parser.add_argument("--eval_all", action="store_true", help="test every checkpoint, curves in TensorBoard")
+    parser.add_argument("--start_epoch", type=int, default=0, help="with --eval_all: leave out those before this epoch")
+    parser.add_argument("--save_to_file", action="store_true", help="the detections of every frame as text, too")
+    parser.add_argument("--ckpt_dir", type=Path, help="folder for --eval_all (default: the run's)")
+    parser.add_argument("--launcher", choices=distributed.LAUNCHERS, default="none", help="pytorch: under torchrun")
+    parser.add_argument("--device", choices=("cpu", "cuda"), help="default: a GPU where there is one")
+    return parser.parse_args()
+
+
+def main() -> None:
+    args = parse_arguments()
+    cfg, combos = load_arguments_config(args), parse_combos(args.combos)
+    ranks = distributed.start(args.launcher, args.device)
+    try:
+        folder = RunFolder.of(args.cfg, args.extra_tag).create()
+        logger = open_log(folder.evaluation, "test", ranks.is_first)
+        split = args.split or ("val" if args.eval_all else "test")
+        for path in _checkpoints(args, folder, logger):
+            how = {"split": split, "batch_size": args.batch_size, "workers": args.workers, "wire": args.wire}
+            result = run_test(cfg, Path(args.cfg).stem, path, combos, ranks, logger, **how, started=time.time())
+            if ranks.is_first:
+                _report(result, path, folder, args)
+    finally:
+        distributed.stop()
+
+
+def _checkpoints(args: argparse.Namespace, folder: RunFolder, logger: logging.Logger) -> list[Path]:
+    where = args.ckpt_dir or folder.checkpoints
+    if args.ckpt or not args.eval_all:
+        return [choose_checkpoint(args.ckpt, args.cfg, where, logger.info)]
+    found = furthest_first(where)
+    if not found:
+        raise ConfigError(f"--eval_all: {where}: no checkpoint there")
+    return [path for path in reversed(found) if path.name != LATEST and epoch_of(path) >= args.start_epoch]
+
+
+def epoch_of(path: Path) -> int:
+    """The number that ends the name of a checkpoint (``checkpoint_epoch_12.pth``); a nameless one counts as last."""
+    number = path.stem.rpartition("_")[2]
+    return int(number) if number.isdecimal() else sys.maxsize
+
+
+def _report(result: BenchmarkResult, path: Path, folder: RunFolder, args: argparse.Namespace) -> None:
+    where = (
+        folder.evaluation / path.stem / result.meta["split"] / (args.eval_tag or ("wire" if args.wire else "default"))
+    )
+    result.write(where, args.json, args.save_to_file)
+    if args.eval_all:
+        write_scalars(folder.evaluation / "tensorboard", as_scalars(result.rows), result.meta["iterations"] or 0)
+    print(f"\n{result.tables}\n\nwritten to {where}")
+
+
+run = partial(run_tool, main)
+
+if __name__ == "__main__":
+    run()

@@ -1,0 +1,128 @@
+"""``avp-train``: train a network; the data set is made first if there is none, the benchmark printed at the end.
+
+Everything goes to output/<group>/<tag>/<extra_tag>/ below the working folder: checkpoints, TensorBoard, log,
+benchmark. Stop it when you like, by Ctrl-C or otherwise; the same command goes on.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from functools import partial
+from pathlib import Path
+
+from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
+from pcdet_avp.config import require
+from pcdet_avp.datasets.avp.manifest import MANIFEST_FILE, read_manifest
+from pcdet_avp.engine import distributed
+from pcdet_avp.engine.outputs import RunFolder, open_log
+from pcdet_avp.engine.testing.run import run_test, store_driving_thresholds
+from pcdet_avp.engine.training.run import TrainOptions, run_training
+from pcdet_avp.errors import ConfigError
+from pcdet_avp.generate import generate
+from pcdet_avp.structures.sensor_set import SENSOR_SETS
+
+SLOW_CELLS = 100_000  # BEV cells from which on a network belongs on a GPU
+SLOW = (
+    "{cfg} on a CPU will take weeks; cfgs/avp/cp_small.yaml is made for two CPU cores and hours. To save memory the "
+    "encoders are computed again in the backward pass, which changes no result"
+)
+
+
+def parse_arguments() -> argparse.Namespace:
+    parser = config_parser("Train a network.")
+    parser.add_argument("--epochs", type=int, help="OPTIMIZATION.NUM_EPOCHS")
+    parser.add_argument("--batch_size", type=int, help="over all processes (default: BATCH_SIZE_PER_GPU for each)")
+    parser.add_argument("--workers", type=int, default=2, help="processes that load data (default: 2)")
+    parser.add_argument("--extra_tag", default="default", help="name of this run (default: default)")
+    parser.add_argument("--ckpt", type=Path, help="go on from this checkpoint instead of the run's newest")
+    parser.add_argument("--pretrained_model", type=Path, help="start from the weights in this file")
+    parser.add_argument("--launcher", choices=distributed.LAUNCHERS, default="none", help="pytorch: under torchrun")
+    parser.add_argument("--device", choices=("cpu", "cuda"), help="default: a GPU where there is one")
+    parser.add_argument(
+        "--seed", type=int, default=0, help="of weights, shuffling and sensor combinations (default: 0)"
+    )
+    parser.add_argument("--fix_random_seed", action="store_true", help="also choose deterministic GPU kernels")
+    parser.add_argument("--use_amp", action="store_true", help="mixed precision (OPTIMIZATION.AMP_DTYPE)")
+    parser.add_argument("--sync_bn", action="store_true", help="batch norms over all processes")
+    parser.add_argument("--max_minutes", type=float, help="shorten the schedule so that training takes this long")
+    parser.add_argument("--ckpt_save_interval", type=int, default=1, metavar="EPOCHS")
+    parser.add_argument("--ckpt_save_time_interval", type=float, default=300, metavar="SECONDS")
+    parser.add_argument("--max_ckpt_save_num", type=int, default=10, help="epochs kept (default: 10)")
+    parser.add_argument("--logger_iter_interval", type=int, default=50, metavar="ITERATIONS")
+    parser.add_argument("--picture_interval", type=int, default=500, metavar="ITERATIONS")
+    parser.add_argument("--no_eval", action="store_true", help="do not test at the end")
+    return parser.parse_args()
+
+
+def main() -> None:
+    args, started = parse_arguments(), time.time()
+    cfg = load_arguments_config(args)
+    ranks = distributed.start(args.launcher, args.device)
+    try:
+        _override(cfg, args, ranks)
+        folder = RunFolder.of(args.cfg, args.extra_tag).create()
+        logger = open_log(folder.root, "train", ranks.is_first)
+        if ranks.is_first:
+            folder.write_config(cfg, Path(args.cfg).stem)
+            if _is_slow(cfg, ranks):
+                logger.warning(SLOW.format(cfg=args.cfg))
+            _make_data(cfg, args, logger)
+        ranks.wait()  # for the data
+        name = Path(args.cfg).stem
+        last = run_training(cfg, name, folder, _options(args, _is_slow(cfg, ranks)), ranks, logger)
+        if not args.no_eval:
+            _evaluate(cfg, name, last, folder, args, ranks, logger, started)
+    finally:
+        distributed.stop()
+
+
+def _override(cfg, args: argparse.Namespace, ranks: distributed.Ranks) -> None:
+    """Flags that stand for keys of the configuration."""
+    optimization = require(cfg, "OPTIMIZATION", dict)
+    if args.epochs is not None:
+        optimization["NUM_EPOCHS"] = args.epochs
+    if args.batch_size is not None:
+        if args.batch_size % ranks.world:
+            raise ConfigError(f"--batch_size {args.batch_size} does not divide among {ranks.world} processes")
+        optimization["BATCH_SIZE_PER_GPU"] = args.batch_size // ranks.world
+
+
+def _is_slow(cfg, ranks: distributed.Ranks) -> bool:
+    area = cfg.DATA_CONFIG.POINT_CLOUD_RANGE
+    cells = (area[3] - area[0]) * (area[4] - area[1]) / cfg.DATA_CONFIG.VOXEL_SIZE[0] ** 2
+    return ranks.device.type == "cpu" and cells > SLOW_CELLS
+
+
+def _make_data(cfg, args: argparse.Namespace, logger) -> None:
+    root = Path(require(cfg.DATA_CONFIG, "DATA_PATH", str))
+    begun = (root / MANIFEST_FILE).exists()
+    if begun and read_manifest(root).complete:
+        return
+    logger.info(f"the data set in {root} is unfinished: going on" if begun else f"no data set in {root}: making it")
+    generate(cfg.DATA_CONFIG, root, workers=max(args.workers, 1))
+
+
+def _options(args: argparse.Namespace, recompute_encoders: bool) -> TrainOptions:
+    same = ("workers", "seed", "use_amp", "sync_bn", "max_minutes", "ckpt", "pretrained_model", "ckpt_save_interval")
+    same += ("max_ckpt_save_num", "ckpt_save_time_interval", "logger_iter_interval", "picture_interval")
+    chosen = {name: getattr(args, name) for name in same}
+    return TrainOptions(deterministic=args.fix_random_seed, recompute_encoders=recompute_encoders, **chosen)
+
+
+def _evaluate(cfg, name, last, folder, args, ranks, logger, started) -> None:
+    batch_size = cfg.OPTIMIZATION.BATCH_SIZE_PER_GPU
+    store_driving_thresholds(cfg, last, ranks, logger, batch_size, args.workers)
+    loading = {"batch_size": batch_size, "workers": args.workers, "started": started}
+    result = run_test(cfg, name, last, list(SENSOR_SETS), ranks, logger, **loading)
+    if ranks.is_first:
+        where = folder.evaluation / last.stem / "test"
+        result.write(where)
+        print(f"\n{result.tables}\n")
+        logger.info(f"checkpoint {last}, benchmark {where}")
+
+
+run = partial(run_tool, main)
+
+if __name__ == "__main__":
+    run()
