@@ -5,11 +5,13 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 from easydict import EasyDict
 
+from pcdet_avp.argument_types import Parser, path_text
 from pcdet_avp.config import apply_overrides, load_config
+from pcdet_avp.config_rules import check_values
 from pcdet_avp.errors import AvpError
 
 # torch's threads spin while they wait for one another. On cores that they share with processes that load data, or
@@ -21,18 +23,30 @@ EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 
 
-def config_parser(description: str, default: str | None = None) -> argparse.ArgumentParser:
-    """A parser with ``--cfg`` (also ``--cfg_file``; required where there is no default) and ``--set``."""
-    parser = argparse.ArgumentParser(description=description)
+def config_parser(description: str, default: str | None = None, weights: bool = False) -> argparse.ArgumentParser:
+    """A parser with ``--cfg`` (also ``--cfg_file``; required where there is no default) and ``--set``.
+
+    ``weights``: also ``--ignore_config``, for a tool that loads weights.
+    """
+    parser = Parser(description=description)
     parser.add_argument(
         "--cfg",
         "--cfg_file",
         dest="cfg",
+        type=path_text,
         required=default is None,
         default=default,
         metavar="FILE",
         help="configuration (YAML)" + (f" (default: {os.path.basename(default)})" if default else ""),
     )
+    if weights:
+        parser.add_argument(
+            "--ignore_config",
+            nargs="+",
+            default=[],
+            metavar="KEY",
+            help="use weights although this key or section of the configuration differs from theirs",
+        )
     parser.add_argument(
         "--set", dest="overrides", nargs=argparse.REMAINDER, default=[], metavar="KEY VALUE", help="override keys; last"
     )
@@ -40,8 +54,17 @@ def config_parser(description: str, default: str | None = None) -> argparse.Argu
 
 
 def load_arguments_config(args: argparse.Namespace) -> EasyDict:
-    """The configuration that ``--cfg`` and ``--set`` describe."""
-    return apply_overrides(load_config(args.cfg), args.overrides)
+    """The configuration that ``--cfg``, ``--set`` and ``--ignore_config`` describe, its values checked."""
+    cfg = ignoring(apply_overrides(load_config(args.cfg), args.overrides), getattr(args, "ignore_config", ()))
+    check_values(cfg)
+    return cfg
+
+
+def ignoring(cfg: EasyDict, keys: Iterable[str]) -> EasyDict:
+    """``cfg`` whose network takes weights that differ in these keys (see ``models.weights.agreement``)."""
+    if keys:
+        cfg.MODEL["IGNORE_CONFIG"] = [*(cfg.MODEL.get("IGNORE_CONFIG") or []), *keys]
+    return cfg
 
 
 def run_tool(main: Callable[[], None]) -> None:

@@ -6,6 +6,7 @@ import argparse
 from functools import partial
 from pathlib import Path
 
+from pcdet_avp.argument_types import Parser, path
 from pcdet_avp.cli import run_tool
 from pcdet_avp.engine.checkpoint import furthest_first, save, weights_hash
 from pcdet_avp.errors import CheckpointError
@@ -16,9 +17,9 @@ KEPT = ("model_state", "epoch", "it", "elapsed_s", "version", "versions", "confi
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--ckpt", type=Path, required=True, help="checkpoint of a finished run, or its folder")
-    parser.add_argument("--out", type=Path, required=True, help="file to write, .pth or .safetensors")
+    parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--ckpt", type=path, required=True, help="checkpoint of a finished run, or its folder")
+    parser.add_argument("--out", type=path, required=True, help="file to write, .pth or .safetensors")
     args = parser.parse_args()
     ckpt = furthest_of(args.ckpt) if args.ckpt.is_dir() else args.ckpt
     content = read_checkpoint(ckpt)

@@ -18,6 +18,7 @@ from functools import partial
 from pathlib import Path
 
 from pcdet_avp import commands, shipped
+from pcdet_avp.argument_types import Parser, non_negative_float, path, positive_int
 from pcdet_avp.cli import run_tool
 from pcdet_avp.engine.outputs import RunFolder
 from pcdet_avp.errors import ConfigError
@@ -162,11 +163,11 @@ class Tour:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=Path("output", "tour"), help="default: output/tour")
+    parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=path, default=Path("output", "tour"), help="default: output/tour")
     parser.add_argument("--weights", default="weights/cp_small.pth", help="default: those of the package")
-    parser.add_argument("--train_minutes", type=float, default=3.0, help="0: no training (default: 3)")
-    parser.add_argument("--episodes", type=int, default=3, help="for the network at the wheel (default: 3)")
+    parser.add_argument("--train_minutes", type=non_negative_float, default=3.0, help="0: no training (default: 3)")
+    parser.add_argument("--episodes", type=positive_int, default=3, help="for the network at the wheel (default: 3)")
     args = parser.parse_args()
     out, started = args.out.resolve(), time.monotonic()
     shipped.find_checkpoint(args.weights)  # raises where there is none

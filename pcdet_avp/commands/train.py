@@ -11,6 +11,7 @@ import time
 from functools import partial
 from pathlib import Path
 
+from pcdet_avp.argument_types import non_negative_int, path, positive_float, positive_int
 from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
 from pcdet_avp.config import require
 from pcdet_avp.datasets.avp.manifest import MANIFEST_FILE, read_manifest
@@ -30,27 +31,33 @@ SLOW = (
 
 
 def parse_arguments() -> argparse.Namespace:
-    parser = config_parser("Train a network.")
-    parser.add_argument("--epochs", type=int, help="OPTIMIZATION.NUM_EPOCHS")
-    parser.add_argument("--batch_size", type=int, help="over all processes (default: BATCH_SIZE_PER_GPU for each)")
-    parser.add_argument("--workers", type=int, default=2, help="processes that load data (default: 2)")
+    parser = config_parser("Train a network.", weights=True)
+    parser.add_argument("--epochs", type=positive_int, help="OPTIMIZATION.NUM_EPOCHS")
+    parser.add_argument(
+        "--batch_size", type=positive_int, help="over all processes (default: BATCH_SIZE_PER_GPU for each)"
+    )
+    parser.add_argument("--workers", type=non_negative_int, default=2, help="processes that load data (default: 2)")
     parser.add_argument("--extra_tag", default="default", help="name of this run (default: default)")
-    parser.add_argument("--ckpt", type=Path, help="go on from this checkpoint instead of the run's newest")
-    parser.add_argument("--pretrained_model", type=Path, help="start from the weights in this file")
+    parser.add_argument("--ckpt", type=path, help="go on from this checkpoint instead of the run's newest")
+    parser.add_argument("--pretrained_model", type=path, help="start from the weights in this file")
     parser.add_argument("--launcher", choices=distributed.LAUNCHERS, default="none", help="pytorch: under torchrun")
     parser.add_argument("--device", choices=("cpu", "cuda"), help="default: a GPU where there is one")
     parser.add_argument(
-        "--seed", type=int, default=0, help="of weights, shuffling and sensor combinations (default: 0)"
+        "--seed", type=non_negative_int, default=0, help="of weights, shuffling and sensor combinations (default: 0)"
     )
     parser.add_argument("--fix_random_seed", action="store_true", help="also choose deterministic GPU kernels")
     parser.add_argument("--use_amp", action="store_true", help="mixed precision (OPTIMIZATION.AMP_DTYPE)")
     parser.add_argument("--sync_bn", action="store_true", help="batch norms over all processes")
-    parser.add_argument("--max_minutes", type=float, help="shorten the schedule so that training takes this long")
-    parser.add_argument("--ckpt_save_interval", type=int, default=1, metavar="EPOCHS")
-    parser.add_argument("--ckpt_save_time_interval", type=float, default=300, metavar="SECONDS")
-    parser.add_argument("--max_ckpt_save_num", type=int, default=10, help="epochs kept (default: 10)")
-    parser.add_argument("--logger_iter_interval", type=int, default=50, metavar="ITERATIONS")
-    parser.add_argument("--picture_interval", type=int, default=500, metavar="ITERATIONS")
+    parser.add_argument(
+        "--max_minutes", type=positive_float, help="shorten the schedule so that training takes this long"
+    )
+    parser.add_argument("--ckpt_save_interval", type=positive_int, default=1, metavar="EPOCHS")
+    parser.add_argument("--ckpt_save_time_interval", type=positive_float, default=300, metavar="SECONDS")
+    parser.add_argument(
+        "--max_ckpt_save_num", type=non_negative_int, default=10, help="epochs kept; 0: all (default: 10)"
+    )
+    parser.add_argument("--logger_iter_interval", type=positive_int, default=50, metavar="ITERATIONS")
+    parser.add_argument("--picture_interval", type=positive_int, default=500, metavar="ITERATIONS")
     parser.add_argument("--no_eval", action="store_true", help="do not test at the end")
     return parser.parse_args()
 
