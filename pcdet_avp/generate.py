@@ -17,13 +17,14 @@ from tqdm import tqdm
 from pcdet_avp.config import plain, require
 from pcdet_avp.datasets.avp.manifest import MANIFEST_FILE, Manifest, Scene, read_manifest, write_manifest
 from pcdet_avp.datasets.avp.record import clean_leftovers, has_frame, read_frame, write_frame
-from pcdet_avp.datasets.avp.splits import assign_splits
+from pcdet_avp.datasets.avp.splits import TEST_SHARE, VAL_SHARE, assign_splits
 from pcdet_avp.errors import ConfigError, RecordError
 from pcdet_avp.parallel import run_tasks
 from pcdet_avp.sim.layouts import GarageConfig
 from pcdet_avp.sim.rig import Rig, capture
 from pcdet_avp.sim.scenarios.training_scene import SceneConfig, draw_training_scene
 from pcdet_avp.structures.frame import Frame
+from pcdet_avp.structures.sensor_set import SOURCES
 
 
 @dataclass(frozen=True)
@@ -78,11 +79,36 @@ def plan(data_cfg: Mapping, frames: int | None = None, seed: int | None = None) 
         raise ConfigError(f"a data set needs at least one frame, found {total} frames of {per_scene} a scene")
     seed = require(settings, "SEED", int) if seed is None else seed
     scene_config(settings)
+    captured_sources(settings)
     names = [f"{number:04d}" for number in range(math.ceil(total / per_scene))]
-    splits = assign_splits(names, seed)
+    splits = assign_splits(names, seed, *split_shares(settings))
     frame_names = [f"{number:03d}" for number in range(per_scene)]
     scenes = [Scene(n, splits[n], tuple(frame_names[: total - i * per_scene])) for i, n in enumerate(names)]
     return Manifest(tuple(scenes), complete=False, seed=seed, generator=made_by)
+
+
+def captured_sources(settings: Mapping) -> tuple[str, ...]:
+    """GENERATE.SOURCES: the sensors to capture, all four by default. The ground truth does not depend on it."""
+    named = settings.get("SOURCES", list(SOURCES))
+    if not isinstance(named, list) or not named or not set(map(str, named)) <= set(SOURCES):
+        raise ConfigError(
+            f"DATA_CONFIG.GENERATE.SOURCES: expected a list of some of {', '.join(SOURCES)}, found {named!r}"
+        )
+    return tuple(source for source in SOURCES if source in named)
+
+
+def split_shares(settings: Mapping) -> tuple[float, float]:
+    """GENERATE.SPLIT: {test: of all scenes, val: of the scenes that are not tested on}; by default the paper's."""
+    shares = {"test": TEST_SHARE, "val": VAL_SHARE} | dict(settings.get("SPLIT", {}))
+    if set(shares) != {"test", "val"}:
+        unknown = min(set(shares) - {"test", "val"})
+        raise ConfigError(f"DATA_CONFIG.GENERATE.SPLIT: unknown key {unknown!r}; known: test, val")
+    for name, share in shares.items():
+        if isinstance(share, bool) or not isinstance(share, int | float) or not 0 <= share < 1:
+            raise ConfigError(
+                f"DATA_CONFIG.GENERATE.SPLIT.{name}: expected a share of at least 0 and below 1, found {share!r}"
+            )
+    return float(shares["test"]), float(shares["val"])
 
 
 def scene_config(settings: Mapping) -> SceneConfig:
@@ -119,11 +145,11 @@ def make_scene(job: SceneJob) -> int:
     settings = job.data_cfg["GENERATE"]
     rig = Rig.from_config(job.data_cfg["SENSORS"])
     rng = np.random.default_rng(np.random.SeedSequence([job.seed, job.number]))
-    scene = draw_training_scene(rng, scene_config(settings))
+    scene, sources = draw_training_scene(rng, scene_config(settings)), captured_sources(settings)
     for number, frame_id in enumerate(job.scene.frame_ids):
         if not has_frame(job.root, frame_id):
             key = (job.seed, job.number, number)
-            write_frame(job.root, capture(scene.seek(number), rig, key, frame_id))
+            write_frame(job.root, capture(scene.seek(number), rig, key, frame_id, sources))
     return len(job.scene.frames)
 
 

@@ -6,15 +6,19 @@ import signal
 import subprocess
 import sys
 import time
+from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from pcdet_avp.config import load_config
-from pcdet_avp.datasets.avp.manifest import read_manifest
+from pcdet_avp.datasets import build_dataset
+from pcdet_avp.datasets.avp.manifest import read_manifest, write_manifest
 from pcdet_avp.datasets.avp.record import read_frame
 from pcdet_avp.errors import ConfigError, RecordError
-from pcdet_avp.generate import generate, label_frames, plan, scene_config
+from pcdet_avp.generate import SceneJob, generate, label_frames, make_scene, plan, scene_config
 
 REPOSITORY = Path(__file__).parents[1]
 CFG = REPOSITORY / "cfgs" / "dataset_configs" / "avp_tiny.yaml"
@@ -150,6 +154,62 @@ def test_an_output_folder_that_cannot_be_made_is_one_clear_error(tmp_path):
     assert process.returncode == 2
     assert printed.startswith("error: ")
     assert printed.count("\n") == 1
+
+
+def test_cameras_alone_are_the_cameras_of_the_whole_capture(reference, tmp_path):
+    """Images, depths, poses and labels to the bit; of the hits, those by cameras. The data set class loads it."""
+    cfg = load_config(CFG)
+    cfg.GENERATE.SOURCES = ["infra_camera", "ego_camera"]
+    manifest = plan(cfg, frames=FRAMES, seed=SEED)
+    make_scene(SceneJob(str(tmp_path), 0, manifest.scenes[0], manifest.seed, manifest.generator))
+    write_manifest(tmp_path, replace(manifest, scenes=manifest.scenes[:1], complete=True))
+    for frame_id in manifest.scenes[0].frame_ids:
+        ours, whole = read_frame(tmp_path, frame_id), read_frame(reference[0], frame_id)
+        for agent in ("ego", "infra"):
+            view, expected = getattr(ours, agent), getattr(whole, agent)
+            assert view.points is None
+            assert view.scan is None
+            np.testing.assert_array_equal(view.image, expected.image)
+            np.testing.assert_array_equal(view.depth, expected.depth)
+            np.testing.assert_array_equal(view.world_from_agent.matrix, expected.world_from_agent.matrix)
+        np.testing.assert_array_equal(ours.labels.boxes, whole.labels.boxes)
+        np.testing.assert_array_equal(ours.labels.visible_vertices, whole.labels.visible_vertices)
+        np.testing.assert_array_equal(ours.labels.hits, whole.labels.hits * [1, 0, 1, 0])
+    split = manifest.scenes[0].split
+    sample = build_dataset({**cfg, "DATA_PATH": str(tmp_path)}, ["Car"], training=False, split=split)[0]
+    assert sample["source_present"].tolist() == [True, False, True, False]
+
+
+def test_shares_of_the_splits_are_a_setting_and_no_setting_changes_no_set():
+    cfg = load_config(CFG)
+    before = plan(cfg, frames=200, seed=SEED)
+    cfg.GENERATE.SPLIT = {"test": 0.2, "val": 0.1}
+    assert plan(cfg, frames=200, seed=SEED).scenes == before.scenes
+    cfg.GENERATE.SPLIT = {"test": 0.0, "val": 0.25}
+    scenes = plan(cfg, frames=200, seed=SEED).scenes
+    counts = Counter(scene.split for scene in scenes)
+    assert counts == {"train": len(scenes) - round(len(scenes) / 4), "val": round(len(scenes) / 4)}
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "what"),
+    [
+        (
+            "SOURCES",
+            ["ego_camera", "radar"],
+            r"some of ego_camera, .*, infra_lidar, found .*radar",
+        ),
+        ("SOURCES", [], r"SOURCES: expected a list"),
+        ("SOURCES", "ego_camera", r"SOURCES: expected a list"),
+        ("SPLIT", {"valid": 0.1}, r"SPLIT: unknown key 'valid'; known: test, val"),
+        ("SPLIT", {"val": 1.0}, r"SPLIT\.val: expected a share .* found 1\.0"),
+        ("SPLIT", {"test": "some"}, r"SPLIT\.test: expected a share"),
+    ],
+)
+def test_wrong_sources_and_shares_are_refused_before_anything_is_made(key, value, what):
+    cfg = load_config(CFG)
+    with pytest.raises(ConfigError, match=what):
+        plan({**cfg, "GENERATE": {**cfg.GENERATE, key: value}})
 
 
 def test_wrong_settings_name_the_key():

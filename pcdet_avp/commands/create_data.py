@@ -19,7 +19,7 @@ from pcdet_avp.config import require
 from pcdet_avp.datasets.avp.manifest import Manifest
 from pcdet_avp.datasets.avp.record import read_frame
 from pcdet_avp.datasets.avp.statistics import Statistics
-from pcdet_avp.generate import generate, label_frames
+from pcdet_avp.generate import captured_sources, generate, label_frames
 from pcdet_avp.structures.bev_grid import BevGrid
 from pcdet_avp.visualization.preview import preview
 from pcdet_avp.visualization.video import write_picture
@@ -49,7 +49,7 @@ def main() -> None:
     grid = BevGrid.from_range(data_cfg.POINT_CLOUD_RANGE, data_cfg.VOXEL_SIZE)
     total = sum(manifest.frame_counts.values())
     frames = tqdm(label_frames(root, manifest), total=total, desc="reading labels", unit="frame", leave=False)
-    print("\n" + Statistics.of(frames, grid).text())
+    print("\n" + Statistics.of(frames, grid, captured_sources(manifest.generator["GENERATE"])).text())
     print("splits: " + ", ".join(f"{split} {count} frames" for split, count in manifest.frame_counts.items()))
     write_previews(root, manifest, grid, args.preview)
 

@@ -1,4 +1,4 @@
-"""``avp-test``: the benchmark table of a trained network, beside the paper's."""
+"""``avp-test``: the benchmark table of a trained network, beside the paper's; of a depth branch alone, its errors."""
 
 from __future__ import annotations
 
@@ -15,10 +15,12 @@ from pcdet_avp.datasets.avp.splits import SPLITS
 from pcdet_avp.engine import distributed
 from pcdet_avp.engine.checkpoint import LATEST, furthest_first
 from pcdet_avp.engine.outputs import RunFolder, choose_checkpoint, open_log
+from pcdet_avp.engine.testing.depth_table import DepthResult, run_depth_test
 from pcdet_avp.engine.testing.detect import as_scalars, parse_combos
 from pcdet_avp.engine.testing.run import BenchmarkResult, run_test
 from pcdet_avp.engine.training.monitor import write_scalars
 from pcdet_avp.errors import ConfigError
+from pcdet_avp.models import detects_objects
 
 
 def parse_arguments() -> argparse.Namespace:
@@ -26,7 +28,7 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--ckpt", type=path, help=CKPT_HELP)
     parser.add_argument("--combos", default="all", help="all, or names between commas: C+none,C+CL")
     parser.add_argument("--wire", action="store_true", help="send every roadside map through encoded bytes")
-    parser.add_argument("--split", choices=SPLITS, help="default: test; with --eval_all: val")
+    parser.add_argument("--split", choices=SPLITS, help="default: test; val with --eval_all and for depth errors")
     parser.add_argument("--json", type=path, help="write the result to this file as well")
     parser.add_argument("--batch_size", type=positive_int, default=1)
     parser.add_argument("--workers", type=non_negative_int, default=2, help="processes that load data (default: 2)")
@@ -50,14 +52,21 @@ def main() -> None:
     try:
         folder = RunFolder.of(args.cfg, args.extra_tag).create()
         logger = open_log(folder.evaluation, "test", ranks.is_first)
-        split = args.split or ("val" if args.eval_all else "test")
         for path in _checkpoints(args, folder, logger):
-            how = {"split": split, "batch_size": args.batch_size, "workers": args.workers, "wire": args.wire}
-            result = run_test(cfg, Path(args.cfg).stem, path, combos, ranks, logger, **how, started=time.time())
+            result = _test(cfg, path, combos, ranks, logger, args)
             if ranks.is_first:
                 _report(result, path, folder, args)
     finally:
         distributed.stop()
+
+
+def _test(cfg, path: Path, combos: list[str], ranks, logger, args: argparse.Namespace) -> BenchmarkResult | DepthResult:
+    name, in_boxes = Path(args.cfg).stem, detects_objects(cfg.MODEL)
+    split = args.split or ("val" if args.eval_all or not in_boxes else "test")
+    how = {"split": split, "batch_size": args.batch_size, "workers": args.workers, "started": time.time()}
+    if not in_boxes:
+        return run_depth_test(cfg, name, path, ranks, logger, **how)
+    return run_test(cfg, name, path, combos, ranks, logger, wire=args.wire, **how)
 
 
 def _checkpoints(args: argparse.Namespace, folder: RunFolder, logger: logging.Logger) -> list[Path]:
@@ -76,13 +85,17 @@ def epoch_of(path: Path) -> int:
     return int(number) if number.isdecimal() else sys.maxsize
 
 
-def _report(result: BenchmarkResult, path: Path, folder: RunFolder, args: argparse.Namespace) -> None:
+def _report(result: BenchmarkResult | DepthResult, path: Path, folder: RunFolder, args: argparse.Namespace) -> None:
     where = (
         folder.evaluation / path.stem / result.meta["split"] / (args.eval_tag or ("wire" if args.wire else "default"))
     )
-    result.write(where, args.json, args.save_to_file)
+    if isinstance(result, DepthResult):
+        result.write(where, args.json)
+    else:
+        result.write(where, args.json, args.save_to_file)
     if args.eval_all:
-        write_scalars(folder.evaluation / "tensorboard", as_scalars(result.rows), result.meta["iterations"] or 0)
+        scalars = result.scalars if isinstance(result, DepthResult) else as_scalars(result.rows)
+        write_scalars(folder.evaluation / "tensorboard", scalars, result.meta["iterations"] or 0)
     print(f"\n{result.tables}\n\nwritten to {where}")
 
 

@@ -17,10 +17,12 @@ from pcdet_avp.config import require
 from pcdet_avp.datasets.avp.manifest import MANIFEST_FILE, read_manifest
 from pcdet_avp.engine import distributed
 from pcdet_avp.engine.outputs import RunFolder, open_log
+from pcdet_avp.engine.testing.depth_table import run_depth_test
 from pcdet_avp.engine.testing.run import run_test, store_driving_thresholds
 from pcdet_avp.engine.training.run import TrainOptions, run_training
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.generate import generate
+from pcdet_avp.models import detects_objects
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
 
 SLOW_CELLS = 100_000  # BEV cells from which on a network belongs on a GPU
@@ -39,7 +41,14 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--workers", type=non_negative_int, default=2, help="processes that load data (default: 2)")
     parser.add_argument("--extra_tag", default="default", help="name of this run (default: default)")
     parser.add_argument("--ckpt", type=path, help="go on from this checkpoint instead of the run's newest")
-    parser.add_argument("--pretrained_model", type=path, help="start from the weights in this file")
+    parser.add_argument(
+        "--pretrained_model",
+        type=path,
+        nargs="+",
+        default=[],
+        metavar="FILE",
+        help="start from the weights in these files; each may hold a part, a later one overrides an earlier one",
+    )
     parser.add_argument("--launcher", choices=distributed.LAUNCHERS, default="none", help="pytorch: under torchrun")
     parser.add_argument("--device", choices=("cpu", "cuda"), help="default: a GPU where there is one")
     parser.add_argument(
@@ -114,19 +123,26 @@ def _options(args: argparse.Namespace, recompute_encoders: bool) -> TrainOptions
     same = ("workers", "seed", "use_amp", "sync_bn", "max_minutes", "ckpt", "pretrained_model", "ckpt_save_interval")
     same += ("max_ckpt_save_num", "ckpt_save_time_interval", "logger_iter_interval", "picture_interval")
     chosen = {name: getattr(args, name) for name in same}
+    chosen["pretrained_model"] = tuple(chosen["pretrained_model"])
     return TrainOptions(deterministic=args.fix_random_seed, recompute_encoders=recompute_encoders, **chosen)
 
 
 def _evaluate(cfg, name, last, folder, args, ranks, logger, started) -> None:
     batch_size = cfg.OPTIMIZATION.BATCH_SIZE_PER_GPU
-    store_driving_thresholds(cfg, last, ranks, logger, batch_size, args.workers)
     loading = {"batch_size": batch_size, "workers": args.workers, "started": started}
+    if not detects_objects(cfg.MODEL):
+        _report(run_depth_test(cfg, name, last, ranks, logger, **loading), folder.evaluation / last.stem / "val", ranks)
+        return
+    store_driving_thresholds(cfg, last, ranks, logger, batch_size, args.workers)
     result = run_test(cfg, name, last, list(SENSOR_SETS), ranks, logger, **loading)
+    _report(result, folder.evaluation / last.stem / "test", ranks)
+    logger.info(f"checkpoint {last}")
+
+
+def _report(result, where: Path, ranks: distributed.Ranks) -> None:
     if ranks.is_first:
-        where = folder.evaluation / last.stem / "test"
         result.write(where)
-        print(f"\n{result.tables}\n")
-        logger.info(f"checkpoint {last}, benchmark {where}")
+        print(f"\n{result.tables}\n\nwritten to {where}")
 
 
 run = partial(run_tool, main)

@@ -150,6 +150,19 @@ def test_the_closed_loops_way_and_the_data_sets_way_are_one(cfg, make_frame):
         np.testing.assert_array_equal(value, direct[key])
 
 
+def test_a_network_that_looks_at_fewer_sensors_has_fewer_read(cfg, monkeypatch):
+    read = []
+    original = Path.read_bytes
+    monkeypatch.setattr(Path, "read_bytes", lambda self: read.append(self.name) or original(self))
+    dataset = AvpDataset(cfg, CLASSES, training=False)
+    dataset.sources = ("infra_camera",)
+    sample = dataset[0, "CL+CL"]
+    assert sample["source_present"].tolist() == [False, False, True, False]
+    assert set(read) == {"infra_camera.png", "infra_depth.png"}
+    with pytest.raises(SensorError, match="none of the sensors asked for"):
+        dataset[0, "CL+none"]
+
+
 # ---------------------------------------------------------------- augmentation streams
 
 

@@ -88,3 +88,10 @@ def test_another_seed_splits_otherwise():
 def test_a_scene_listed_twice_is_refused():
     with pytest.raises(RecordError, match=r"listed twice: \['a'\]"):
         assign_splits(["a", "b", "a"], 0)
+
+
+@given(count=st.integers(3, 60), test=st.sampled_from([0.0, 0.2]), val=st.sampled_from([0.0, 0.1]))
+def test_a_share_of_nothing_gets_no_scene_and_any_other_at_least_one(count, test, val):
+    found = Counter(assign_splits([str(i) for i in range(count)], 0, test, val).values())
+    assert (found["test"] > 0, found["val"] > 0) == (test > 0, val > 0)
+    assert found["train"] > 0

@@ -61,3 +61,10 @@ def test_report_names_every_class_and_combination(statistics):
 def test_a_class_without_objects_is_left_out_of_the_shares():
     text = Statistics.of([frame_of(ROWS[:1])], GRID).text()
     assert "nan" not in text
+
+
+def test_nothing_is_said_of_sensors_that_were_not_captured():
+    cameras = Statistics.of([frame_of(ROWS)], GRID, ("ego_camera", "infra_camera"))
+    assert set(cameras.seen_shares("Car")) == {"ego_camera", "infra_camera", "C+none", "C+C"}
+    assert cameras.seen_shares("Car")["C+C"].tolist() == [1.0, 1.0]
+    assert "lidar" not in cameras.text().lower()

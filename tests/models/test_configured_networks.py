@@ -15,6 +15,7 @@ from pcdet_avp.structures.sensor_set import SENSOR_SETS, SOURCES
 
 CFGS = Path(__file__).parents[2] / "cfgs" / "avp"
 CONFIGS = sorted(str(path.relative_to(CFGS)) for path in CFGS.rglob("*.yaml"))
+DEPTH_ONLY = [name for name in CONFIGS if name.endswith("_depth.yaml")]
 CAMERA_HEIGHT_M = {"": 1.8, "_infra": 7.0}
 
 
@@ -77,7 +78,16 @@ def raw_outputs(network, batch):
 TINY = (108, 192)
 
 
-@pytest.mark.parametrize("name", CONFIGS)
+@pytest.mark.parametrize("name", DEPTH_ONLY)
+def test_every_depth_branch_builds_and_trains(name):
+    network, cfg = network_of(name)
+    returned, terms, _ = network.train()(make_batch(["C+C"], tuple(cfg.DATA_CONFIG.IMAGE_SHAPE)))
+    returned["loss"].backward()
+    assert set(terms) == {"depth_loss_ego", "depth_loss_infra", "loss"}
+    assert all(parameter.grad.isfinite().all() for parameter in network.parameters())
+
+
+@pytest.mark.parametrize("name", [name for name in CONFIGS if name not in DEPTH_ONLY])
 def test_every_configuration_builds(name):
     network, cfg = network_of(name)
     assert cfg.MODEL.NAME == "AvpCp"

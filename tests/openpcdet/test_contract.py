@@ -15,7 +15,7 @@ from pcdet_avp.config import load_config
 from pcdet_avp.models.compression import BevCodec, NoCompression
 from pcdet_avp.openpcdet.config import openpcdet_config
 from pcdet_avp.plugin import our_classes
-from pcdet_avp.registry import FUSERS
+from pcdet_avp.registry import DETECTORS, FUSERS
 
 HERE = Path(__file__).parent
 CFGS = HERE.parents[1] / "cfgs" / "avp"
@@ -151,7 +151,7 @@ def test_the_optimiser_sees_every_parameter_of_every_network(name):
     geometry = {"point_cloud_range": cfg.DATA_CONFIG.POINT_CLOUD_RANGE, "voxel_size": cfg.DATA_CONFIG.VOXEL_SIZE}
     dataset = EasyDict(class_names=cfg.CLASS_NAMES, point_feature_encoder=encoder, **geometry)
     with torch.device("meta"):
-        network = our_classes()["pcdet.models.detectors"]["AvpCp"](cfg.MODEL, 2, dataset)
+        network = DETECTORS[cfg.MODEL.NAME](cfg.MODEL, 2, dataset)
     seen = {id(p) for p in contract.leaf_parameters(network)}
     missed = [name for name, p in network.named_parameters() if id(p) not in seen]
     assert not missed, missed

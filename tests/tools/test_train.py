@@ -149,3 +149,62 @@ def test_without_a_validation_split_no_scores_are_chosen_and_it_says_so(call, ti
     run = tmp_path / "output" / "avp" / "cp_tiny" / "default"
     assert "no validation split: no score thresholds" in _log(run)
     assert "score_thresholds" not in read_checkpoint(run / "ckpt" / "checkpoint_epoch_1.pth")
+
+
+@pytest.fixture(scope="module")
+def depth_cfg(tmp_path_factory):
+    """cp_tiny's depth branch as a configuration file."""
+    file = tmp_path_factory.mktemp("cfgs") / "cfgs" / "avp" / "cp_tiny_depth.yaml"
+    file.parent.mkdir(parents=True)
+    base = REPOSITORY / "cfgs" / "avp" / "cp_tiny.yaml"
+    file.write_text(
+        f"_BASE_CONFIG_: {base}\nMODEL: {{NAME: CameraDepth, AGENTS: [ego, infra]}}\n"
+        "OPTIMIZATION: {SENSOR_SETS: [C+C], NUM_EPOCHS: 2}\n"
+    )
+    return file
+
+
+def _depth(load_tool, folder, data, cfg, name, *words, overrides=()):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        line = [name, "--cfg", cfg, "--workers", 0, *words, "--set", "DATA_CONFIG.DATA_PATH", data, *overrides]
+        patch.setattr(sys, "argv", [str(word) for word in line])
+        load_tool(name).main()
+
+
+def test_a_depth_branch_starts_from_a_whole_network_ends_in_a_table_and_goes_back(
+    load_tool, call, tiny_data, depth_cfg, trained, tmp_path, capsys
+):
+    """Each agent's branch by itself from the trained network; both files then start a whole network."""
+    files = []
+    for agent in ("ego", "infra"):
+        words = ["--extra_tag", agent, "--pretrained_model", trained / "ckpt" / LAST]
+        one = ["MODEL.AGENTS", f"[{agent}]"]
+        _depth(load_tool, tmp_path, tiny_data, depth_cfg, "train", "--epochs", 1, *words, overrides=one)
+        run = tmp_path / "output" / "avp" / "cp_tiny_depth" / agent
+        files.append(run / "ckpt" / "checkpoint_epoch_1.pth")
+        result = json.loads((run / "eval" / "checkpoint_epoch_1" / "val" / "depth.json").read_text())
+        assert {row["source"] for row in result["rows"]} == {f"{agent}_camera"}
+        assert sum(row["pixels"] for row in result["rows"]) > 0
+        assert "| camera | depth (m) |" in capsys.readouterr().out
+    call(tmp_path, "train", "--epochs", 1, "--no_eval", "--pretrained_model", trained / "ckpt" / LAST, *files)
+    log = _log(tmp_path / "output" / "avp" / "cp_tiny" / "default")
+    assert log.count("loaded") == 3
+
+
+def test_a_killed_depth_training_goes_on_and_its_table_can_be_asked_for_again(
+    load_tool, tiny_data, depth_cfg, trained, tmp_path
+):
+    _depth(load_tool, tmp_path, tiny_data, depth_cfg, "train", "--epochs", 2)
+    run = tmp_path / "output" / "avp" / "cp_tiny_depth" / "default"
+    whole = read_checkpoint(run / "ckpt" / LAST)["model_state"]
+    (run / "ckpt" / LAST).unlink()
+    _depth(load_tool, tmp_path, tiny_data, depth_cfg, "train", "--epochs", 2, "--no_eval")
+    again = read_checkpoint(run / "ckpt" / LAST)["model_state"]
+    assert all(torch.equal(again[key], whole[key]) for key in whole)
+    for name, path in (("own", run / "ckpt" / LAST), ("whole_network", trained / "ckpt" / LAST)):
+        words = ["--ckpt", path, "--json", tmp_path / f"{name}.json"]
+        _depth(load_tool, tmp_path, tiny_data, depth_cfg, "test", *words)
+    own = json.loads((run / "eval" / "checkpoint_epoch_2" / "val" / "depth.json").read_text())["rows"]
+    assert json.loads((tmp_path / "own.json").read_text())["rows"] == own
+    assert json.loads((tmp_path / "whole_network.json").read_text())["rows"] != own

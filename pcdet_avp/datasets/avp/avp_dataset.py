@@ -21,7 +21,7 @@ from pcdet_avp.evaluation import Detections, GroundTruth, Region, evaluate
 from pcdet_avp.evaluation.detections_file import write_texts
 from pcdet_avp.registry import DATASETS
 from pcdet_avp.structures.frame import Frame
-from pcdet_avp.structures.sensor_set import SensorSet
+from pcdet_avp.structures.sensor_set import SOURCES, SensorSet
 
 UNSET_EPOCH = -1
 
@@ -49,6 +49,7 @@ class AvpDataset(torch.utils.data.Dataset):
         self.root_path = Path(root_path if root_path is not None else require(dataset_cfg, "DATA_PATH", str))
         self.split = split or require(dataset_cfg, f"DATA_SPLIT.{self.mode}", str)
         self.sensor_set = SensorSet.parse(require(dataset_cfg, "SENSOR_SET", str))
+        self.sources: Sequence[str] = SOURCES  # that may be read at all: a network may use fewer than a combination has
         for name, value in vars(NetworkInput.from_config(dataset_cfg, class_names)).items():
             setattr(self, name, value)  # the attributes that OpenPCDet's detectors read back
         self.frame_ids = self._find_frames()
@@ -97,7 +98,8 @@ class AvpDataset(torch.utils.data.Dataset):
 
     def read(self, index: int, sensor_set: SensorSet) -> Frame:
         """The frame as recorded, with the data of the sensors in ``sensor_set``."""
-        return read_frame(self.root_path, self.frame_ids[index], sensor_set.sources)
+        sources = [source for source in sensor_set.sources if source in self.sources]
+        return read_frame(self.root_path, self.frame_ids[index], sources)
 
     def set_epoch(self, epoch: int) -> None:
         """Augmentation depends on (seed, epoch, index); until this is called, the epoch is a frame's visit count."""

@@ -18,14 +18,14 @@ def assign_splits(
 ) -> dict[str, str]:
     """scene -> split. Depends on the names and the seed, not on their order.
 
-    Shares are rounded to whole scenes; with three scenes or more, each split gets at least one.
+    Shares are rounded to whole scenes; with three scenes or more, each split whose share is not 0 gets at least one.
     """
     names = sorted(scenes)
     if len(set(names)) != len(names):
         raise RecordError(f"a scene is listed twice: {sorted({n for n in names if names.count(n) > 1})}")
     least = 1 if len(names) >= len(SPLITS) else 0
-    test = max(round(test_share * len(names)), least)
-    val = max(round(val_share * (len(names) - test)), least)
+    test = max(round(test_share * len(names)), least if test_share else 0)
+    val = max(round(val_share * (len(names) - test)), least if val_share else 0)
     shuffled = np.random.default_rng(seed).permutation(names).tolist()
     split = ["test"] * test + ["val"] * val + ["train"] * (len(names) - test - val)
     assigned = dict(zip(shuffled, split, strict=True))

@@ -7,7 +7,7 @@ BEV range count.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -27,14 +27,15 @@ class Statistics:
     """Counts over the frames added so far."""
 
     grid: BevGrid
+    sources: Sequence[str] = SOURCES  # that were captured: of the others nothing can be said
     frames: int = 0
     hit_counts: dict[str, list[np.ndarray]] = field(default_factory=lambda: {name: [] for name in CLASS_NAMES})
     difficulty: dict[str, list[np.ndarray]] = field(default_factory=lambda: {name: [] for name in CLASS_NAMES})
     ego_mast_m: list[float] = field(default_factory=list)
 
     @classmethod
-    def of(cls, frames: Iterable[Frame], grid: BevGrid) -> Statistics:
-        statistics = cls(grid)
+    def of(cls, frames: Iterable[Frame], grid: BevGrid, sources: Sequence[str] = SOURCES) -> Statistics:
+        statistics = cls(grid, sources)
         for frame in frames:
             statistics.add(frame)
         return statistics
@@ -53,16 +54,16 @@ class Statistics:
         return _mean(np.concatenate(self.difficulty[name])[:, None] == np.arange(len(DIFFICULTIES)))
 
     def seen_shares(self, name: str) -> dict[str, np.ndarray]:
-        """Per sensor and per combination: (2,) share of objects seen, at the two ``LEVELS``."""
+        """Per sensor and per combination of captured sensors: (2,) share of objects seen, at the two ``LEVELS``."""
         hits = np.concatenate(self.hit_counts[name])
         is_camera = np.array([source.endswith("camera") for source in SOURCES])
         thresholds = [np.where(is_camera, MIN_PIXELS, points) for points in (1, MIN_POINTS)]
         seen = np.stack([hits >= threshold for threshold in thresholds])  # (2, N, 4)
-        shares = {source: _mean(seen[:, :, i].T) for i, source in enumerate(SOURCES)}
-        shares["both LiDARs"] = _mean(seen[:, :, ~is_camera].any(-1).T)
-        for combination, sensors in SENSOR_SETS.items():
-            shares[combination] = _mean(seen[:, :, np.array(sensors.mask)].any(-1).T)
-        return shares
+        columns = {source: np.array([source == other for other in SOURCES]) for source in SOURCES}
+        columns |= {"both LiDARs": ~is_camera} | {name: np.array(s.mask) for name, s in SENSOR_SETS.items()}
+        captured = np.isin(SOURCES, list(self.sources))
+        wanted = {name: mask for name, mask in columns.items() if captured[mask].all()}
+        return {name: _mean(seen[:, :, mask].any(-1).T) for name, mask in wanted.items()}
 
     def text(self) -> str:
         """The report that ``create_data.py`` prints."""

@@ -26,7 +26,7 @@ from pcdet_avp.engine.training.sampler import BatchPlan, CombinationBatchSampler
 from pcdet_avp.engine.training.time_budget import TimeBudget
 from pcdet_avp.engine.training.trainer import Trainer
 from pcdet_avp.errors import ConfigError
-from pcdet_avp.models import build_network
+from pcdet_avp.models import build_network, detects_objects
 from pcdet_avp.models.precision import SLOW_BF16, emulates_bf16
 from pcdet_avp.models.weights.agreement import MEANING_KEY
 from pcdet_avp.models.weights.checkpoint_file import read_checkpoint
@@ -48,7 +48,7 @@ class TrainOptions:
     sync_bn: bool = False
     max_minutes: float | None = None
     ckpt: Path | None = None
-    pretrained_model: Path | None = None
+    pretrained_model: tuple[Path, ...] = ()  # in this order: a later file overrides an earlier one
     ckpt_save_interval: int = 1
     max_ckpt_save_num: int = 10
     ckpt_save_time_interval: float = 300.0
@@ -78,7 +78,8 @@ def run_training(
     sampler = CombinationBatchSampler(trainer.plan, trainer.iteration, ranks.rank, ranks.world)
     budget = TimeBudget(options.max_minutes) if options.max_minutes else None
     try:
-        on_step = _picture_taker(cfg, trainer, monitor, options) if monitor else None
+        takes_pictures = monitor and detects_objects(cfg.MODEL)
+        on_step = _picture_taker(cfg, trainer, monitor, options) if takes_pictures else None
         train(trainer, batches(dataset, sampler, ranks, options.workers), saver, logger, monitor, budget, on_step)
     finally:
         if monitor:
@@ -95,8 +96,10 @@ def build_trainer(cfg: Mapping, dataset: Any, options: TrainOptions, ranks: Rank
     model.recompute_encoders = options.recompute_encoders
     if options.sync_bn:
         model = nn.SyncBatchNorm.convert_sync_batchnorm(model)
-    if options.pretrained_model:
-        model.load_params_from_file(filename=options.pretrained_model, logger=logger, to_cpu=True)
+    for path in options.pretrained_model:
+        model.load_params_from_file(filename=path, logger=logger, to_cpu=True)
+    if hasattr(model, "sources"):
+        dataset.sources = model.sources  # what the network does not look at is not read either
     optim_cfg = require(cfg, "OPTIMIZATION", dict)
     batch_size = require(optim_cfg, "BATCH_SIZE_PER_GPU", int) * ranks.world
     combos = tuple(optim_cfg.get("SENSOR_SETS") or SENSOR_SETS)

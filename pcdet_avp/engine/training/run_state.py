@@ -16,6 +16,8 @@ from pcdet_avp.engine.training.trainer import TRAINING_STREAM, Trainer
 from pcdet_avp.errors import CheckpointError
 
 # Keys that may change between two runs of one training: where things lie, how results are read, how long it takes.
+# A data set of another seed is one of new scenes: a long training may go through several, each as large as the first.
+FREE_PATHS = ("DATA_CONFIG.GENERATE.SEED",)
 FREE_KEYS = (*PATH_KEYS, "POST_PROCESSING", "NUM_EPOCHS", "USE_AMP", "SCENES", "FRAMES_PER_SCENE")
 NEEDED = ("it", "optimizer_state", "schedule", "sampler", "random_states")
 
@@ -69,7 +71,8 @@ def check_config(cfg: Mapping, theirs: Mapping | None, path: str) -> None:
 
 def _first_difference(ours: Any, theirs: Any, above: tuple[str, ...]) -> tuple[str, Any, Any] | None:
     if not (isinstance(ours, dict) and isinstance(theirs, dict)):
-        return None if ours == theirs else (".".join(above), ours, theirs)
+        path = ".".join(above)
+        return None if ours == theirs or path in FREE_PATHS else (path, ours, theirs)
     for key in (k for k in ours | theirs if k not in FREE_KEYS):
         difference = _first_difference(ours.get(key), theirs.get(key), (*above, key))
         if difference:

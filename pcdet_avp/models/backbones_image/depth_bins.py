@@ -1,7 +1,6 @@
-"""Depth in bins: uniform (UD), spacing-increasing (SID) or linear-increasing (LID) discretisation.
-
-CaDDN, section 3.3.
-"""
+"""Depth in bins: uniform (UD), spacing-increasing (SID) or linear-increasing (LID) discretisation (CaDDN, section 3.3),
+or even in inverse depth (INV), our addition: a camera above a flat floor sees the floor of each bin as equally many
+rows of its image."""
 
 from __future__ import annotations
 
@@ -14,7 +13,7 @@ from torch import Tensor
 
 from pcdet_avp.errors import ConfigError
 
-MODES = ("UD", "SID", "LID")
+MODES = ("UD", "SID", "LID", "INV")
 
 
 @dataclass(frozen=True)
@@ -55,6 +54,8 @@ class DepthBins:
             return (depth - near) * (n / (far - near))
         if self.mode == "SID":  # edges evenly spaced in the logarithm of the depth
             return torch.log(depth.clamp_min(1e-6) / near) * (n / math.log(far / near))
+        if self.mode == "INV":
+            return (1 / near - 1 / depth.clamp_min(1e-6)) * (n / (1 / near - 1 / far))
         step = 2 * (far - near) / (n * (n + 1))  # bin k is (k + 1) * step wide
         return 0.5 * torch.sqrt((1 + 8 * (depth - near) / step).clamp_min(0)) - 0.5
 
@@ -63,11 +64,33 @@ class DepthBins:
         index = torch.floor(self.position(depth)).long()
         return torch.where((index < 0) | (index >= self.count), self.count, index)
 
+    def neighbours(self, depth: Tensor) -> tuple[Tensor, Tensor]:
+        """The two bins (int64) whose centres enclose a depth, stacked last, and the share of the upper one.
+
+        That is how ``frustum_collapse`` reads a distribution. Beyond the first and the last centre, the nearest bin
+        has all; a depth outside the bins belongs to class ``count``.
+        """
+        position = (self.position(depth) - 0.5).clamp(0, self.count - 1)
+        lower = position.floor().clamp_max(max(self.count - 2, 0))
+        outside = self.target(depth) == self.count
+        pair = torch.stack([lower, lower + 1], -1).long().clamp_max(self.count - 1)
+        return pair.masked_fill(outside[..., None], self.count), (position - lower).masked_fill(outside, 0)
+
     def edges(self) -> Tensor:
         """(count + 1,) float64 metres."""
-        k = torch.arange(self.count + 1, dtype=torch.float64) / self.count
+        return self._at(torch.arange(self.count + 1, dtype=torch.float64))
+
+    def centres(self) -> Tensor:
+        """(count,) float64 metres: the depths of positions k + 0.5."""
+        return self._at(torch.arange(self.count, dtype=torch.float64) + 0.5)
+
+    def _at(self, position: Tensor) -> Tensor:
+        """The depths in metres of continuous bin positions."""
+        k = position / self.count
         if self.mode == "UD":
             return self.near_m + (self.far_m - self.near_m) * k
         if self.mode == "SID":
             return self.near_m * (self.far_m / self.near_m) ** k
+        if self.mode == "INV":
+            return 1 / (1 / self.near_m - (1 / self.near_m - 1 / self.far_m) * k)
         return self.near_m + (self.far_m - self.near_m) * k * (k * self.count + 1) / (self.count + 1)

@@ -17,6 +17,7 @@ from pcdet_avp.models.memory_layout import for_convolutions
 from pcdet_avp.models.norm import drop_foreign_norms, make_norm
 
 STRIDE = 4  # image pixels per side of a feature pixel
+STEM_KINDS = ("conv", "patches")
 BOOKKEEPING = "num_batches_tracked"  # of batch norms; nothing computes with it
 
 
@@ -24,8 +25,9 @@ class ImageBackbone(nn.Module):
     """Images (B, 3, h, w), RGB in [0, 1] -> features (B, OUT_CHANNELS, ceil(h / 4), ceil(w / 4)).
 
     ``DEPTH: 18 | 34 | 50`` is the published network; where it is null, ``BLOCKS``, ``WIDTHS``, ``BLOCK`` (basic or
-    bottleneck) and ``STEM`` describe a lighter one. ``NORM`` is group, batch or frozen_batch. ``PRETRAINED`` names a
-    file with torchvision's ImageNet weights, or is null.
+    bottleneck), ``STEM`` channels and ``STEM_KIND`` (conv or patches, see ``PatchStem``) describe a lighter one.
+    ``NORM`` is group, batch or frozen_batch. ``PRETRAINED`` names a file with torchvision's ImageNet weights, or is
+    null.
     """
 
     def __init__(self, model_cfg: Any) -> None:
@@ -65,7 +67,11 @@ class FeaturePyramid(nn.Module):
 
 def _resnet(model_cfg: Any, norm: str) -> ResNet:
     if model_cfg.get("DEPTH") is None:
-        return ResNet(model_cfg.BLOCKS, model_cfg.WIDTHS, model_cfg.get("BLOCK", "basic"), norm, int(model_cfg.STEM))
+        kind = model_cfg.get("STEM_KIND", "conv")
+        if kind not in STEM_KINDS:
+            raise ConfigError(f"IMAGE_BACKBONE.STEM_KIND: expected one of {', '.join(STEM_KINDS)}, found {kind!r}")
+        block, stem = model_cfg.get("BLOCK", "basic"), int(model_cfg.STEM)
+        return ResNet(model_cfg.BLOCKS, model_cfg.WIDTHS, block, norm, stem, patches=kind == "patches")
     if model_cfg.DEPTH not in DEPTHS:
         raise ConfigError(f"IMAGE_BACKBONE.DEPTH: expected one of {sorted(DEPTHS)}, found {model_cfg.DEPTH}")
     blocks, block = DEPTHS[model_cfg.DEPTH]

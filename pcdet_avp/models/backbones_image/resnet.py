@@ -8,25 +8,32 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from pcdet_avp.errors import ConfigError
+from pcdet_avp.models.memory_layout import for_convolutions
 from pcdet_avp.models.norm import make_norm
 
 # Blocks per stage and kind of block, by the depth of the published networks.
 DEPTHS = {18: ((2, 2, 2, 2), "basic"), 34: ((3, 4, 6, 3), "basic"), 50: ((3, 4, 6, 3), "bottleneck")}
+PATCH = 4  # image pixels per side of a patch, the stride of the published stem
 IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 
 
 class ResNet(nn.Module):
     """Images (B, 3, h, w) -> feature maps of its stages, at strides 4, 8, 16, 32 (sizes rounded up)."""
 
-    def __init__(self, blocks: Sequence[int], widths: Sequence[int], block: str, norm: str, stem: int = 64) -> None:
+    def __init__(
+        self, blocks: Sequence[int], widths: Sequence[int], block: str, norm: str, stem: int = 64, patches: bool = False
+    ) -> None:
+        """``stem`` channels; ``patches``: a ``PatchStem`` instead of the published convolution and max pooling."""
         super().__init__()
         if block not in BLOCKS or len(blocks) != len(widths) or not 1 <= len(blocks) <= 4:
             raise ConfigError(
                 f"ResNet: expected block in {sorted(BLOCKS)} and 1 to 4 stages with as many widths as block counts, "
                 f"found {block!r}, {list(blocks)}, {list(widths)}"
             )
-        self.conv1 = nn.Conv2d(3, stem, 7, stride=2, padding=3, bias=False)
-        self.bn1 = make_norm(norm, stem)
+        self.patch_stem = PatchStem(stem, norm) if patches else None
+        if not patches:
+            self.conv1 = nn.Conv2d(3, stem, 7, stride=2, padding=3, bias=False)
+            self.bn1 = make_norm(norm, stem)
         channels = [stem, *(width * BLOCKS[block].expansion for width in widths)]
         self.num_stages, self.out_channels = len(blocks), channels[1:]
         for i, (count, width) in enumerate(zip(blocks, widths, strict=True)):
@@ -36,12 +43,32 @@ class ResNet(nn.Module):
             self.add_module(f"layer{i + 1}", nn.Sequential(*stage))
 
     def forward(self, images: Tensor) -> list[Tensor]:
-        x = F.max_pool2d(F.relu(self.bn1(self.conv1(images))), 3, stride=2, padding=1)
+        x = self._stem(images)
         stages = []
         for i in range(self.num_stages):
             x = getattr(self, f"layer{i + 1}")(x)
             stages.append(x)
         return stages
+
+    def _stem(self, images: Tensor) -> Tensor:
+        if self.patch_stem is not None:
+            return self.patch_stem(images)
+        return F.max_pool2d(F.relu(self.bn1(self.conv1(images))), 3, stride=2, padding=1)
+
+
+class PatchStem(nn.Module):
+    """Images (B, 3, h, w) -> (B, channels, ceil(h / 4), ceil(w / 4)): patches of 4 x 4 pixels become channels, then a
+    3 x 3 convolution. No larger map is ever formed, and no pixel's place in its patch is lost to a maximum."""
+
+    def __init__(self, channels: int, norm: str) -> None:
+        super().__init__()
+        self.conv = nn.Conv2d(3 * PATCH**2, channels, 3, padding=1, bias=False)
+        self.norm = make_norm(norm, channels)
+
+    def forward(self, images: Tensor) -> Tensor:
+        below, right = (-n % PATCH for n in images.shape[2:])
+        patches = F.pixel_unshuffle(F.pad(images, (0, right, 0, below)), PATCH)
+        return F.relu(self.norm(self.conv(for_convolutions(patches))))
 
 
 class BasicBlock(nn.Module):

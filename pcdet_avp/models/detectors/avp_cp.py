@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import logging
-import os
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -13,12 +11,11 @@ from torch import Tensor, nn
 from pcdet_avp.errors import SensorError
 from pcdet_avp.models.compression.bev_codec import Latent
 from pcdet_avp.models.detectors.build import build_modules
+from pcdet_avp.models.detectors.loadable import LoadableDetector
 from pcdet_avp.models.detectors.map_dropout import drop_roadside_maps, drop_segments
 from pcdet_avp.models.detectors.post_processing import PostProcessing
 from pcdet_avp.models.recompute import recomputed
 from pcdet_avp.models.weights.agreement import NetworkMeaning
-from pcdet_avp.models.weights.checkpoint_file import read_checkpoint
-from pcdet_avp.models.weights.load import load_weights
 from pcdet_avp.registry import DETECTORS
 from pcdet_avp.structures.sensor_set import EGO_SOURCES, INFRA_SOURCES, SOURCES, modality_of
 
@@ -31,7 +28,7 @@ def received_as_sent(latents: dict) -> dict:
 
 
 @DETECTORS.register("AvpCp")
-class AvpCp(nn.Module):
+class AvpCp(LoadableDetector):
     """Collaborative perception of a vehicle and a roadside mast, with OpenPCDet's interface.
 
     encode -> compress -> link -> decompress -> warp -> fuse -> backbone -> head
@@ -50,8 +47,8 @@ class AvpCp(nn.Module):
         for name, module in build_modules(model_cfg, num_class, dataset).items():
             self.add_module(name, module)
         self.post_processing = PostProcessing(model_cfg["POST_PROCESSING"], dataset.class_names)
-        self.register_buffer("global_step", torch.zeros(1, dtype=torch.int64))
-        self.meaning = NetworkMeaning.of(model_cfg, dataset)  # held against every file that weights come from
+        self.add_global_step()
+        self.meaning = NetworkMeaning.of(model_cfg, dataset)
 
     def forward(self, batch_dict: dict, link: Link = received_as_sent) -> tuple:
         """
@@ -129,35 +126,6 @@ class AvpCp(nn.Module):
         if hasattr(self.codec, "get_loss"):
             yield self.codec.get_loss(batch_dict)
         yield self.dense_head.get_loss(batch_dict)
-
-    def update_global_step(self) -> None:
-        """Count a training step, as OpenPCDet's training loop does."""
-        self.global_step += 1
-
-    def load_params_from_file(
-        self, filename: str | os.PathLike, logger: logging.Logger, to_cpu: bool = False, pre_trained_path: Any = None
-    ) -> None:
-        """Load weights; first those of ``pre_trained_path``, if given. See ``load_weights`` for what is refused."""
-        for path in filter(None, (pre_trained_path, filename)):
-            load_weights(self, self._read(path, to_cpu), path, logger)
-
-    def load_params_with_optimizer(
-        self,
-        filename: str | os.PathLike,
-        to_cpu: bool = False,
-        optimizer: torch.optim.Optimizer | None = None,
-        logger: logging.Logger | None = None,
-    ) -> tuple[int, int]:
-        """Load weights and the optimiser's state; the iteration and epoch they were saved at."""
-        logger = logger or logging.getLogger(__name__)
-        content = self._read(filename, to_cpu)
-        load_weights(self, content, filename, logger)
-        if optimizer is not None and content.get("optimizer_state") is not None:
-            optimizer.load_state_dict(content["optimizer_state"])
-        return int(content.get("it", 0)), int(content.get("epoch", -1))
-
-    def _read(self, path: str | os.PathLike, to_cpu: bool) -> dict:
-        return read_checkpoint(path, "cpu" if to_cpu else self.global_step.device)
 
 
 def check_sources(batch_dict: dict) -> None:

@@ -28,21 +28,27 @@ class NetworkMeaning:
     """Of a network: what it takes its weights for, where a file may differ, and whether it is to be trained further.
 
     Training makes good what changes inputs (other sensors, another range, another codec): such differences are a
-    warning there, and an error where the weights are used as they are.
+    warning there, and an error where the weights are used as they are. ``sections``: of a part of a whole network,
+    the keys that it depends on.
     """
 
     values: Mapping[str, Any]
     ignored: tuple[str, ...] = ()
     training: bool = False
+    sections: tuple[str, ...] | None = None
 
     @classmethod
-    def of(cls, model_cfg: Any, dataset: Any) -> NetworkMeaning:
+    def of(cls, model_cfg: Any, dataset: Any, sections: tuple[str, ...] | None = None) -> NetworkMeaning:
         """``dataset`` tells class_names and, if it has them, dataset_cfg (DATA_CONFIG) and training."""
         cfg = {"CLASS_NAMES": list(dataset.class_names), "MODEL": model_cfg}
         dataset_cfg = getattr(dataset, "dataset_cfg", None)
         values = meaning_of(cfg if dataset_cfg is None else {**cfg, "DATA_CONFIG": dataset_cfg})
         ignored = tuple(model_cfg.get(IGNORE_KEY) or ())
-        return cls(values, ignored, bool(getattr(dataset, "training", False)))
+        return cls(values, ignored, bool(getattr(dataset, "training", False)), sections)
+
+    def depends_on(self, difference: Difference, tensors: Collection[str]) -> bool:
+        """Whether a network of these tensors, by name, takes notice of it."""
+        return self.sections is None or (below(difference.key, self.sections) and difference.concerns(tensors))
 
 
 def meaning_in(content: Mapping[str, Any]) -> dict[str, Any] | None:
@@ -84,7 +90,8 @@ def check_meaning(
     if theirs is None:
         logger.warning("%s: does not say what its weights mean: nothing but their shapes could be checked", path)
         return
-    found = differences(theirs, ours.values)
+    own = network.state_dict()
+    found = [one for one in differences(theirs, ours.values) if ours.depends_on(one, own)]
     _check_ignored(ours.ignored, {*theirs, *ours.values})
     _refuse([one for one in found if not _accepted(one, ours, content["model_state"])], path)
     if found:

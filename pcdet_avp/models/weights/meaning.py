@@ -47,6 +47,7 @@ DEFAULTS = {
     "DATA_CONFIG.SENSORS.EGO.LIDAR.MATERIAL_INTENSITY": True,
     "DATA_CONFIG.SENSORS.INFRA.LIDAR.MATERIAL_INTENSITY": True,
     "MODEL.CAMERA_ENCODER.IMAGE_BACKBONE.BLOCK": "basic",
+    "MODEL.CAMERA_ENCODER.IMAGE_BACKBONE.STEM_KIND": "conv",
     "MODEL.CAMERA_ENCODER.MAP_TO_BEV.SAMPLING": "trilinear",
     "MODEL.COMPRESSION.MAX_SHARE": 1.0,
     "MODEL.COMPRESSION.PRECISION": "float16",
@@ -63,7 +64,7 @@ DEFAULTS = {
 }
 NORMALISED = ("CAMERA_ENCODER.IMAGE_BACKBONE", "CAMERA_ENCODER.DEPTH", "LIDAR_ENCODER.VFE", "BACKBONE_2D")
 ANCHOR_KEYS = ("anchor_sizes", "anchor_rotations", "anchor_bottom_heights", "align_center")  # the others only train
-LIGHT_RESNET = ("BLOCK", "BLOCKS", "WIDTHS", "STEM")  # of an image backbone that is no published one
+LIGHT_RESNET = ("BLOCK", "BLOCKS", "STEM", "STEM_KIND", "WIDTHS")  # of an image backbone that is no published one
 
 # Keys whose change no training can make good, since it scrambles what the weights have learned to say.
 SCRAMBLED = (
@@ -93,6 +94,8 @@ PARTS = {
     "DATA_CONFIG.SENSORS.INFRA.CAMERA": _encoders("camera", "infra"),
     "DATA_CONFIG.SENSORS.INFRA.LIDAR": _encoders("lidar", "infra"),
     "MODEL.CAMERA_ENCODER": _encoders("camera"),
+    "MODEL.CAMERA_ENCODER.CROP_TOP_PX.ego": _encoders("camera", "ego"),
+    "MODEL.CAMERA_ENCODER.CROP_TOP_PX.infra": _encoders("camera", "infra"),
     "MODEL.CAMERA_ENCODER.DEPTH.RANGE_M.ego": _encoders("camera", "ego"),
     "MODEL.CAMERA_ENCODER.DEPTH.RANGE_M.infra": _encoders("camera", "infra"),
     "MODEL.LIDAR_ENCODER": _encoders("lidar"),
@@ -188,6 +191,7 @@ def _normalised(model: dict) -> dict:
         model = _changed(model, path, lambda section: {"NORM": norm} | section)
     for path in ("CAMERA_ENCODER.ATTENTION", "LIDAR_ENCODER.ATTENTION"):
         model = _changed(model, path, lambda section: width | section if section else None)
+    model = _changed(model, "CAMERA_ENCODER", _with_crops)
     model = _changed(model, "CAMERA_ENCODER.IMAGE_BACKBONE", _without_unused_blocks)
     model = _changed(model, "COMPRESSION", _without_unused_share)
     return _changed(model, "DENSE_HEAD", _with_anchors_by_class)
@@ -199,6 +203,10 @@ def _changed(model: dict, path: str, change) -> dict:
     if not isinstance(model.get(key), dict):
         return model
     return {**model, key: _changed(model[key], rest, change) if rest else change(model[key])}
+
+
+def _with_crops(section: dict) -> dict:
+    return {**section, "CROP_TOP_PX": {"ego": 0, "infra": 0} | (section.get("CROP_TOP_PX") or {})}
 
 
 def _without_unused_blocks(section: dict) -> dict:

@@ -1,10 +1,12 @@
 """A run that was killed and resumed is the run that never stopped, to the last bit."""
 
+import copy
+
 import pytest
 import torch
 
 from pcdet_avp.engine import checkpoint
-from pcdet_avp.engine.training.run_state import restore_run, run_state
+from pcdet_avp.engine.training.run_state import check_config, restore_run, run_state
 from pcdet_avp.errors import CheckpointError
 from pcdet_avp.models.weights.checkpoint_file import read_checkpoint
 
@@ -66,3 +68,15 @@ def test_bare_weights_are_no_run_to_go_on_with(toy):
     trainer = toy.make_trainer()
     with pytest.raises(CheckpointError, match="use --pretrained_model"):
         restore_run(trainer, {"model_state": trainer.model.state_dict()}, "w.pth")
+
+
+def test_a_run_may_go_on_with_new_scenes_but_not_with_other_ones_of_the_same_number():
+    theirs = {"DATA_CONFIG": {"GENERATE": {"SEED": 1, "GARAGE": {"ceiling_m": [3, 4]}}, "DATA_AUGMENTOR": {"SEED": 0}}}
+    new_scenes = {**theirs, "DATA_CONFIG": {**theirs["DATA_CONFIG"], "GENERATE": {**theirs["DATA_CONFIG"]["GENERATE"]}}}
+    new_scenes["DATA_CONFIG"]["GENERATE"]["SEED"] = 2
+    check_config(new_scenes, theirs, "a.pth")
+    for path, value in ((("GENERATE", "GARAGE"), {"ceiling_m": [7, 8]}), (("DATA_AUGMENTOR", "SEED"), 1)):
+        other = copy.deepcopy(new_scenes)
+        other["DATA_CONFIG"][path[0]][path[1]] = value
+        with pytest.raises(CheckpointError, match=f"made with DATA_CONFIG.{path[0]}.{path[1]}"):
+            check_config(other, theirs, "a.pth")

@@ -10,7 +10,8 @@ from torch.nn import functional as F
 
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.models.backbones_image.depth_bins import MODES, DepthBins
-from pcdet_avp.models.backbones_image.depth_head import DepthHead, DepthLoss
+from pcdet_avp.models.backbones_image.depth_head import DepthHead
+from pcdet_avp.models.backbones_image.depth_loss import DepthLoss
 from pcdet_avp.models.backbones_image.foreground import back_project, foreground_mask, inside_boxes
 from pcdet_avp.structures.boxes import points_in_box
 from pcdet_avp.structures.camera import PinholeCamera
@@ -35,10 +36,21 @@ def test_edges_lie_at_whole_positions_and_centres_fall_into_their_bins(mode):
 
 
 def test_widths_of_the_bins():
-    uniform, log, linear = (DepthBins(mode, 4, 1.0, 16.0).edges().diff() for mode in ("UD", "SID", "LID"))
+    uniform, log, linear, inverse = (DepthBins(mode, 4, 1.0, 16.0).edges().diff() for mode in MODES)
     torch.testing.assert_close(uniform, torch.full((4,), 3.75, dtype=torch.float64))
     torch.testing.assert_close(log, torch.tensor([1.0, 2.0, 4.0, 8.0], dtype=torch.float64))
     torch.testing.assert_close(linear, torch.tensor([1.5, 3.0, 4.5, 6.0], dtype=torch.float64))
+    edges = torch.tensor([64 / 64, 64 / 49, 64 / 34, 64 / 19, 64 / 4], dtype=torch.float64)  # 1 / d falls by 15 / 64
+    torch.testing.assert_close(inverse, edges.diff())
+
+
+def test_bins_even_in_inverse_depth_are_even_in_image_rows():
+    """For the floor, and for a camera that looks down as well: each of the bins covers as many rows."""
+    floor = np.c_[np.linspace(3, 30, 400), np.zeros((400, 2))]
+    uv, depth = CAMERA.project(floor)
+    position = DepthBins("INV", 50, 2.0, 40.0).position(torch.tensor(depth)).numpy()
+    slope, offset = np.polyfit(uv[:, 1], position, 1)
+    np.testing.assert_allclose(position, slope * uv[:, 1] + offset, atol=1e-6)
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -48,7 +60,7 @@ def test_depths_outside_are_a_class_of_their_own(mode):
 
 
 def test_bad_bins_are_refused():
-    with pytest.raises(ConfigError, match="UD, SID, LID"):
+    with pytest.raises(ConfigError, match="UD, SID, LID, INV"):
         DepthBins("LOG", 10, 2.0, 40.0)
     with pytest.raises(ConfigError, match="nearest < farthest"):
         DepthBins("UD", 10, 4.0, 2.0)

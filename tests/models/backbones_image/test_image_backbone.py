@@ -3,10 +3,11 @@
 import pytest
 import torch
 from easydict import EasyDict
+from torch.nn import functional as F
 
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.models.backbones_image.image_backbone import ImageBackbone, load_imagenet_weights
-from pcdet_avp.models.backbones_image.resnet import DEPTHS, ResNet
+from pcdet_avp.models.backbones_image.resnet import DEPTHS, PatchStem, ResNet
 
 # Parameters of torchvision's networks without the classifier (fc): 11,689,512 - 513,000 and so on.
 PARAMETERS = {18: 11_176_512, 34: 21_284_672, 50: 23_508_032}
@@ -17,8 +18,9 @@ def resnet(depth=18, norm="batch"):
     return ResNet(blocks, (64, 128, 256, 512), block, norm)
 
 
-def light(norm="group"):
-    return ImageBackbone(EasyDict(BLOCKS=[1, 1, 1], WIDTHS=[8, 16, 24], STEM=8, OUT_CHANNELS=16, NORM=norm))
+def light(norm="group", **settings):
+    sizes = {"BLOCKS": [1, 1, 1], "WIDTHS": [8, 16, 24], "STEM": 8, "OUT_CHANNELS": 16}
+    return ImageBackbone(EasyDict(**sizes, NORM=norm, **settings))
 
 
 def imagenet_file(path, depth=18):
@@ -43,12 +45,27 @@ def test_names_are_torchvisions():
     assert "layer1.1.downsample.0.weight" not in keys
 
 
+@pytest.mark.parametrize("stem", ["conv", "patches"])
 @pytest.mark.parametrize(
     ("size", "expected"), [((540, 960), (135, 240)), ((270, 480), (68, 120)), ((50, 37), (13, 10))]
 )
-def test_output_has_stride_four_rounded_up(size, expected):
+def test_output_has_stride_four_rounded_up(size, expected, stem):
     with torch.no_grad():
-        assert light()(torch.rand(1, 3, *size)).shape == (1, 16, *expected)
+        assert light(STEM_KIND=stem)(torch.rand(1, 3, *size)).shape == (1, 16, *expected)
+
+
+def test_a_stem_of_patches_is_a_convolution_of_three_patches_width():
+    """Kernel 12 x 12, stride 4: channel c * 16 + 4 * row + column of a patch is its pixel (row, column)."""
+    torch.manual_seed(0)
+    stem, images = PatchStem(8, "group"), torch.randn(2, 3, 24, 36)
+    kernel = stem.conv.weight.view(8, 3, 4, 4, 3, 3).permute(0, 1, 4, 2, 5, 3).reshape(8, 3, 12, 12)
+    expected = F.relu(stem.norm(F.conv2d(images, kernel, stride=4, padding=4)))
+    torch.testing.assert_close(stem(images), expected, atol=1e-5, rtol=1e-5)
+
+
+def test_an_unknown_stem_is_refused():
+    with pytest.raises(ConfigError, match="STEM_KIND: expected one of conv, patches, found 'patch'"):
+        light(STEM_KIND="patch")
 
 
 def test_frozen_weights_load_and_nothing_but_the_classifier_is_left(tmp_path):

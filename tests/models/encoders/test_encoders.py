@@ -8,7 +8,7 @@ import pytest
 import torch
 from easydict import EasyDict
 
-from pcdet_avp.errors import SensorError
+from pcdet_avp.errors import ConfigError, SensorError
 from pcdet_avp.models.encoders.camera_encoder import CameraEncoder
 from pcdet_avp.models.encoders.lidar_encoder import LidarEncoder
 from pcdet_avp.structures.camera import PinholeCamera
@@ -186,3 +186,29 @@ def test_automatic_mixed_precision_runs_and_agrees():
             mixed.float().square().sum().backward()
         assert mixed.isfinite().all()
         assert (mixed.float() - exact).abs().mean() < 0.05 * exact.abs().mean() + 1e-3
+
+
+@pytest.mark.parametrize("source", ["ego_camera", "infra_camera"])
+def test_a_crop_is_the_same_encoder_on_images_without_their_first_rows(source):
+    """Map, mask, loss: those of an uncropped encoder whose images and depth maps begin 8 and 2 rows further down."""
+    suffix, agent = ("", "ego") if source.startswith("ego") else ("_infra", "infra")
+    whole, batch = encoder(source), sample("C+C", 3)
+    torch.manual_seed(1)
+    cropped = CameraEncoder(EasyDict({**CAMERA, "ATTENTION": ATTENTION, "CROP_TOP_PX": {agent: 8}}), CHANNELS, DATASET)
+    cropped.load_state_dict(whole.state_dict())
+    lower = {**batch, f"images{suffix}": batch[f"images{suffix}"][:, :, 8:]}
+    lower[f"depth_maps{suffix}"] = batch[f"depth_maps{suffix}"][:, 2:]
+    to_img = batch[f"trans_cam_to_img{suffix}"].clone()
+    to_img[:, 1, 2] -= 8
+    lower[f"trans_cam_to_img{suffix}"] = to_img
+    ours, theirs = cropped(batch, source), whole(lower, source)
+    assert ours["depth_logits"][source].shape[2:] == (7, 16)
+    torch.testing.assert_close(ours["bev_maps"][source], theirs["bev_maps"][source])
+    assert torch.equal(ours["bev_valid"][source], theirs["bev_valid"][source])
+    torch.testing.assert_close(cropped.get_loss(ours, source)[0], whole.get_loss(theirs, source)[0])
+
+
+@pytest.mark.parametrize(("crop", "what"), [({"ego": 6}, "multiple of 4"), ({"mast": 8}, "unknown key 'mast'")])
+def test_a_crop_between_feature_rows_or_of_nobody_is_refused(crop, what):
+    with pytest.raises(ConfigError, match=f"CROP_TOP_PX.*{what}"):
+        CameraEncoder(EasyDict({**CAMERA, "ATTENTION": None, "CROP_TOP_PX": crop}), CHANNELS, DATASET)
