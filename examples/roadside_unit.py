@@ -36,9 +36,7 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--ckpt", type=path, required=True, help="checkpoint")
     parser.add_argument("--to", default="127.0.0.1:47020", metavar="HOST:PORT", help="where the vehicle listens")
     parser.add_argument("--seconds", type=positive_float, default=10.0, help="how long to send")
-    parser.add_argument(
-        "--rate", type=positive_float, default=20.0, help="maps of each modality a second (default: 20)"
-    )
+    parser.add_argument("--rate", type=positive_float, default=20.0, help="maps of a modality a second (default: 20)")
     parser.add_argument("--split", default="test")
     parser.add_argument("--frames", type=positive_int, default=8, help="length of the recording (default: 8 frames)")
     parser.add_argument("--budget", type=positive_int, default=72_000, help="bytes a map may take (default: 72000)")

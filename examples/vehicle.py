@@ -44,9 +44,7 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--wait", type=non_negative_float, default=60.0, help="how long to wait for the first map (s)")
     parser.add_argument("--vehicle", choices=("C", "CL"), default="CL", help="the vehicle's own sensors")
     parser.add_argument("--drop", type=share, default=0.0, help="share of the segments that is thrown away")
-    parser.add_argument(
-        "--max_age", type=non_negative_float, default=1.0, help="older maps are not used (s, default: 1)"
-    )
+    parser.add_argument("--max_age", type=non_negative_float, default=1.0, help="older maps are unused (s, default: 1)")
     parser.add_argument("--split", default="test")
     parser.add_argument("--frames", type=positive_int, default=8, help="length of the recording, as the roadside's")
     return parser.parse_args()

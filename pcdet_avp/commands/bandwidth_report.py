@@ -36,9 +36,7 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--frames", type=positive_int, metavar="N", help="only the first N of those")
     parser.add_argument("--combos", default="C+CL,CL+CL", help="sensor combinations with a roadside")
     parser.add_argument("--studies", default=",".join(STUDIES), help=f"some of {','.join(STUDIES)} (default: all)")
-    parser.add_argument(
-        "--budget", type=positive_int, metavar="B", help="bytes per map (default: the paper's 72 KB, scaled)"
-    )
+    parser.add_argument("--budget", type=positive_int, metavar="B", help="bytes per map (default: the paper's, scaled)")
     parser.add_argument("--mcs", type=int, choices=BYTES_PER_SLOT, default=21, help="decides what a block carries")
     parser.add_argument("--seed", type=non_negative_int, default=0, help="of losses, pose errors and intervals")
     parser.add_argument("--out", type=path, help="folder (default: bandwidth in the run's folder)")

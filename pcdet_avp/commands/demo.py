@@ -32,15 +32,11 @@ def parse_arguments() -> argparse.Namespace:
     parser = config_parser("Pictures or a video of what a network finds.", weights=True)
     parser.add_argument("--ckpt", type=path, help=CKPT_HELP)
     parser.add_argument("--data_path", type=path, help="a point cloud (.bin, .npy: x, y, z, intensity), or a folder")
-    parser.add_argument(
-        "--lidar_height_m", type=non_negative_float, help="of --data_path, above the floor (default: the vehicle's)"
-    )
+    parser.add_argument("--lidar_height_m", type=non_negative_float, help="of --data_path (default: the vehicle's)")
     parser.add_argument("--frame", metavar="ID", help="one frame (scene/frame) as a picture, instead of a video")
     parser.add_argument("--combos", default="CL+none,CL+CL", help="sensor combinations side by side")
     parser.add_argument("--split", choices=SPLITS, default="test")
-    parser.add_argument(
-        "--frames", type=positive_int, help="how many frames the video shows (default: all of the split)"
-    )
+    parser.add_argument("--frames", type=positive_int, help="length of the video (default: all frames of the split)")
     parser.add_argument("--fps", type=positive_float, default=2.0, help="frames of the video a second (default: 2)")
     parser.add_argument("--out", type=path, help="folder (default: demo in the run's folder)")
     parser.add_argument("--device", choices=("cpu", "cuda"), help="default: a GPU where there is one")

@@ -25,9 +25,7 @@ def parse_arguments() -> argparse.Namespace:
     parser = config_parser("A checkpoint of OpenPCDet's PointPillar as one of ours.")
     parser.add_argument("--ckpt", type=path, required=True, help="OpenPCDet's checkpoint")
     parser.add_argument("--out", type=path, required=True, help="checkpoint to write")
-    parser.add_argument(
-        "--seed", type=non_negative_int, default=0, help="of the weights that it has nothing for (default: 0)"
-    )
+    parser.add_argument("--seed", type=non_negative_int, default=0, help="of the weights that it lacks (default: 0)")
     return parser.parse_args()
 
 

@@ -36,7 +36,7 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--eval_tag", help="name of this evaluation (default: default, or wire)")
     parser.add_argument("--eval_all", action="store_true", help="test every checkpoint, curves in TensorBoard")
     parser.add_argument(
-        "--start_epoch", type=non_negative_int, default=0, help="with --eval_all: leave out those before this epoch"
+        "--start_epoch", type=non_negative_int, default=0, help="with --eval_all: only from this epoch on"
     )
     parser.add_argument("--save_to_file", action="store_true", help="the detections of every frame as text, too")
     parser.add_argument("--ckpt_dir", type=path, help="folder for --eval_all (default: the run's)")

@@ -35,9 +35,7 @@ SLOW = (
 def parse_arguments() -> argparse.Namespace:
     parser = config_parser("Train a network.", weights=True)
     parser.add_argument("--epochs", type=positive_int, help="OPTIMIZATION.NUM_EPOCHS")
-    parser.add_argument(
-        "--batch_size", type=positive_int, help="over all processes (default: BATCH_SIZE_PER_GPU for each)"
-    )
+    parser.add_argument("--batch_size", type=positive_int, help="of all processes (default: BATCH_SIZE_PER_GPU each)")
     parser.add_argument("--workers", type=non_negative_int, default=2, help="processes that load data (default: 2)")
     parser.add_argument("--extra_tag", default="default", help="name of this run (default: default)")
     parser.add_argument("--ckpt", type=path, help="go on from this checkpoint instead of the run's newest")
@@ -57,13 +55,11 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--fix_random_seed", action="store_true", help="also choose deterministic GPU kernels")
     parser.add_argument("--use_amp", action="store_true", help="mixed precision (OPTIMIZATION.AMP_DTYPE)")
     parser.add_argument("--sync_bn", action="store_true", help="batch norms over all processes")
-    parser.add_argument(
-        "--max_minutes", type=positive_float, help="shorten the schedule so that training takes this long"
-    )
+    parser.add_argument("--max_minutes", type=positive_float, help="shorten the schedule to fit into this time")
     parser.add_argument("--ckpt_save_interval", type=positive_int, default=1, metavar="EPOCHS")
     parser.add_argument("--ckpt_save_time_interval", type=positive_float, default=300, metavar="SECONDS")
     parser.add_argument(
-        "--max_ckpt_save_num", type=non_negative_int, default=10, help="epochs kept; 0: all (default: 10)"
+        "--max_ckpt_save_num", type=non_negative_int, default=10, help="epochs kept, 0: all; default: 10"
     )
     parser.add_argument("--logger_iter_interval", type=positive_int, default=50, metavar="ITERATIONS")
     parser.add_argument("--picture_interval", type=positive_int, default=500, metavar="ITERATIONS")
