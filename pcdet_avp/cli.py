@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 
 from easydict import EasyDict
 
 from pcdet_avp.argument_types import Parser, path_text
-from pcdet_avp.config import apply_overrides, load_config
+from pcdet_avp.config import apply_overrides, ignoring, load_config
 from pcdet_avp.config_rules import check_values
 from pcdet_avp.errors import AvpError
 
@@ -57,13 +57,6 @@ def load_arguments_config(args: argparse.Namespace) -> EasyDict:
     """The configuration that ``--cfg``, ``--set`` and ``--ignore_config`` describe, its values checked."""
     cfg = ignoring(apply_overrides(load_config(args.cfg), args.overrides), getattr(args, "ignore_config", ()))
     check_values(cfg)
-    return cfg
-
-
-def ignoring(cfg: EasyDict, keys: Iterable[str]) -> EasyDict:
-    """``cfg`` whose network takes weights that differ in these keys (see ``models.weights.agreement``)."""
-    if keys:
-        cfg.MODEL["IGNORE_CONFIG"] = [*(cfg.MODEL.get("IGNORE_CONFIG") or []), *keys]
     return cfg
 
 

@@ -47,7 +47,7 @@ def parse_arguments() -> argparse.Namespace:
 
 def main() -> None:
     args, started = parse_arguments(), time.time()
-    cfg, ranks = load_arguments_config(args), distributed.start(device=args.device)
+    cfg, ranks = load_arguments_config(args), distributed.start(device=args.device, alone=True)
     options = StudyOptions(
         studies=tuple(name.strip() for name in args.studies.split(",") if name.strip()),
         combos=tuple(parse_combos(args.combos)),
@@ -69,7 +69,7 @@ def main() -> None:
     seed = content.get("sampler", {}).get("seed")
     meta = provenance(cfg, Path(args.cfg).stem, seed=seed, weights_hash=weights, started=started)
     about = {"checkpoint": ckpt.name, "iterations": content.get("it")}
-    write_report(make_content(study, dataset, content.get(THRESHOLDS_KEY), meta | about), out)
+    write_report(make_content(study, dataset, content.get(THRESHOLDS_KEY), meta | about), out, logger)
     print((out / "report.md").read_text(encoding="utf-8") + f"\nwritten to {out}")
 
 

@@ -46,7 +46,7 @@ def parse_arguments() -> argparse.Namespace:
 def main() -> None:
     args = parse_arguments()
     cfg, combos = load_arguments_config(args), parse_combos(args.combos)
-    ranks = distributed.start(device=args.device)
+    ranks = distributed.start(device=args.device, alone=True)
     run_folder = RunFolder.of(args.cfg)
     out = args.out or run_folder.root / "demo"
     make_folder(out)

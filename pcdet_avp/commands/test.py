@@ -40,7 +40,7 @@ def parse_arguments() -> argparse.Namespace:
     )
     parser.add_argument("--save_to_file", action="store_true", help="the detections of every frame as text, too")
     parser.add_argument("--ckpt_dir", type=path, help="folder for --eval_all (default: the run's)")
-    parser.add_argument("--launcher", choices=distributed.LAUNCHERS, default="none", help="pytorch: under torchrun")
+    parser.add_argument("--launcher", choices=distributed.LAUNCHERS, help="default: found out from the environment")
     parser.add_argument("--device", choices=("cpu", "cuda"), help="default: a GPU where there is one")
     return parser.parse_args()
 

@@ -47,7 +47,7 @@ def parse_arguments() -> argparse.Namespace:
         metavar="FILE",
         help="start from the weights in these files; each may hold a part, a later one overrides an earlier one",
     )
-    parser.add_argument("--launcher", choices=distributed.LAUNCHERS, default="none", help="pytorch: under torchrun")
+    parser.add_argument("--launcher", choices=distributed.LAUNCHERS, help="default: found out from the environment")
     parser.add_argument("--device", choices=("cpu", "cuda"), help="default: a GPU where there is one")
     parser.add_argument(
         "--seed", type=non_negative_int, default=0, help="of weights, shuffling and sensor combinations (default: 0)"

@@ -6,6 +6,7 @@ The modulation and coding scheme (MCS) decides what a block carries: 11.3, 24.1,
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import inf
 
 from pcdet_avp.errors import LinkError
 from pcdet_avp.link.loss import LossModel
@@ -33,7 +34,7 @@ class NrV2xConfig:
     def __post_init__(self) -> None:
         if self.mcs not in BYTES_PER_SLOT:
             raise LinkError(f"NR-V2X: expected MCS {', '.join(map(str, BYTES_PER_SLOT))}, found {self.mcs}")
-        if self.repetitions < 1 or not (self.delay_ms >= 0 and self.jitter_ms >= 0):
+        if self.repetitions < 1 or not (0 <= self.delay_ms < inf and 0 <= self.jitter_ms < inf):
             found = f"{self.repetitions}, {self.delay_ms} ms and {self.jitter_ms} ms"
             raise LinkError(f"NR-V2X: expected repetitions >= 1, delay and jitter >= 0, found {found}")
         if self.deadline_ms is not None and not self.deadline_ms > 0:

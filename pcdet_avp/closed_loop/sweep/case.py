@@ -69,7 +69,8 @@ def _perceiver(name: str, settings: str) -> Perceiver:
 
 
 def perceiver_settings(values: Mapping[str, Any]) -> PerceiverSettings:
-    return PerceiverSettings(**{**values, "overrides": tuple(values.get("overrides", ()))})
+    lists = {key: tuple(values.get(key, ())) for key in ("overrides", "ignore_config")}
+    return PerceiverSettings(**{**values, **lists})
 
 
 def episode_row(case: Case, scenario: Scenario, log: EpisodeLog) -> EpisodeRow:

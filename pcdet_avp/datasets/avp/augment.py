@@ -51,6 +51,9 @@ def _build(entry: Mapping) -> Augmentation:
     name = require(entry, "NAME", str)
     if name not in AUGMENTATIONS:
         raise ConfigError(f"AUG_CONFIG_LIST: unknown name {name!r}; known: {', '.join(AUGMENTATIONS)}")
+    unknown = [key for key in entry if key not in ("NAME", *KEYS[name])]
+    if unknown:
+        raise ConfigError(f"AUG_CONFIG_LIST: {name}: unknown key {unknown[0]!r}; known: {', '.join(KEYS[name])}")
     return AUGMENTATIONS[name](entry)
 
 
@@ -150,4 +153,11 @@ AUGMENTATIONS: dict[str, Callable[[Mapping], Augmentation]] = {
     "random_world_scaling": _scaling,
     "random_photometric": _photometric,
     "random_localisation_noise": _localisation,
+}
+KEYS = {
+    "random_world_flip": ("ALONG_AXIS_LIST", "PROBABILITY"),
+    "random_world_rotation": ("WORLD_ROT_ANGLE", "AGENTS"),
+    "random_world_scaling": ("WORLD_SCALE_RANGE",),
+    "random_photometric": ("BRIGHTNESS", "CONTRAST", "NOISE_STD"),
+    "random_localisation_noise": ("POSITION_STD_M", "YAW_STD_DEG"),
 }

@@ -73,7 +73,8 @@ def run_training(
     )
     if trainer.finished:
         logger.info(f"training is complete at iteration {trainer.iteration}")
-        return folder.checkpoints / epoch_file(trainer)
+        last = folder.checkpoints / epoch_file(trainer)
+        return last if ranks.from_first(last.exists()) else saver.save(trainer, last.name)
     monitor = _monitor(folder, trainer, options, logger)
     sampler = CombinationBatchSampler(trainer.plan, trainer.iteration, ranks.rank, ranks.world)
     budget = TimeBudget(options.max_minutes) if options.max_minutes else None
