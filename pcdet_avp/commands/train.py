@@ -7,6 +7,7 @@ benchmark. Stop it when you like, by Ctrl-C or otherwise; the same command goes 
 from __future__ import annotations
 
 import argparse
+import difflib
 import time
 from functools import partial
 from pathlib import Path
@@ -25,6 +26,7 @@ from pcdet_avp.generate import generate
 from pcdet_avp.models import detects_objects
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
 
+NEARLY_THE_SAME = 0.85  # likeness of two names (difflib) from which on one is taken for a misspelling of the other
 SLOW_CELLS = 100_000  # BEV cells from which on a network belongs on a GPU
 SLOW = (
     "{cfg} on a CPU will take weeks; cfgs/avp/cp_small.yaml is made for two CPU cores and hours. To save memory the "
@@ -111,8 +113,23 @@ def _make_data(cfg, args: argparse.Namespace, logger) -> None:
     begun = (root / MANIFEST_FILE).exists()
     if begun and read_manifest(root).complete:
         return
+    if not begun:
+        _refuse_misspelt(root)
     logger.info(f"the data set in {root} is unfinished: going on" if begun else f"no data set in {root}: making it")
     generate(cfg.DATA_CONFIG, root, workers=max(args.workers, 1))
+
+
+def _refuse_misspelt(root: Path) -> None:
+    """Where there is nothing, but a data set of nearly this name beside it, the user means that one."""
+    beside = root.parent.iterdir() if root.parent.is_dir() else ()
+    names = [entry.name for entry in beside if (entry / MANIFEST_FILE).is_file()]
+    names = [name for name in names if not root.name.startswith(name)]  # avp_small_2 is a set of its own
+    near = difflib.get_close_matches(root.name, names, n=1, cutoff=NEARLY_THE_SAME)
+    if near:
+        raise ConfigError(
+            f"DATA_CONFIG.DATA_PATH {root}: no data set there, but there is {root.parent / near[0]}; if a new one is "
+            f"wanted, make it with tools/create_data.py --out {root}"
+        )
 
 
 def _options(args: argparse.Namespace, recompute_encoders: bool) -> TrainOptions:

@@ -96,9 +96,10 @@ def _started_by_launcher() -> str:
     if world.isdecimal() and int(world) > 1:
         return f"WORLD_SIZE {world} in the environment"
     for name, who in FOREIGN_LAUNCHERS.items():
-        if "RANK" not in os.environ and (count := os.environ.get(name, "")).isdecimal() and int(count) > 1:
+        count = os.environ.get(name, "")
+        if "RANK" not in os.environ and count.isdecimal() and int(count) > 1:
             raise ConfigError(
-                f"{who} started {count} processes ({name}), each of which would be a run of its own in the same folder; "
+                f"{who} started {count} processes ({name}), each of which would be a run of its own in one folder; "
                 "let it start one per machine, and that torchrun --nproc_per_node N"
             )
     return ""

@@ -67,7 +67,8 @@ def load(
 ) -> DrivingNetwork:
     """The network of a configuration with the weights of a checkpoint; a process reads them once.
 
-    ``ignore_config``: keys in which they may differ (see ``models.weights.agreement``). ``sha256`` is what the file must hash to: nobody must drive with other weights because training went on.
+    ``ignore_config``: keys in which they may differ (see ``models.weights.agreement``). ``sha256`` is what the
+    file must hash to: nobody must drive with other weights because training went on.
     """
     if cfg_file is None or ckpt is None:
         missing = "--cfg FILE" if cfg_file is None else "--ckpt FILE"

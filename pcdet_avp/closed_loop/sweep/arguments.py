@@ -35,7 +35,8 @@ def sweep_of(args: argparse.Namespace, loop_file: Path) -> Sweep:
         perceiver |= _network(args, overrides)
     elif args.ckpt or args.use_amp or args.ignore_config or args.link != "ideal" or given_link_options(args):
         raise ConfigError(
-            f"--ckpt, --use_amp, --ignore_config, --link and its options belong to --perception model, found {args.perception}"
+            "--ckpt, --use_amp, --ignore_config, --link and its options belong to --perception model, "
+            f"found {args.perception}"
         )
     return Sweep(
         scenario=args.scenario,

@@ -12,6 +12,7 @@ import torch
 from pcdet_avp.config import require
 from pcdet_avp.datasets.avp.augment import Augmentor
 from pcdet_avp.datasets.avp.collate import collate
+from pcdet_avp.datasets.avp.made_by import check_made_by
 from pcdet_avp.datasets.avp.manifest import MANIFEST_FILE, read_manifest
 from pcdet_avp.datasets.avp.network_input import NetworkInput
 from pcdet_avp.datasets.avp.prepare import prepare
@@ -68,6 +69,7 @@ class AvpDataset(torch.utils.data.Dataset):
         file = self.root_path / MANIFEST_FILE
         if not manifest.complete:
             raise RecordError(f"{file}: complete: the data set is unfinished; make the rest with tools/create_data.py")
+        check_made_by(manifest, self.dataset_cfg, self.root_path)
         missing = [name for name in self.class_names if name not in manifest.class_names]
         if missing:
             raise RecordError(
