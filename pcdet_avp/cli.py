@@ -11,7 +11,7 @@ from easydict import EasyDict
 
 from pcdet_avp.argument_types import Parser, path_text
 from pcdet_avp.config import apply_overrides, ignoring, load_config
-from pcdet_avp.config_rules import check_values
+from pcdet_avp.config_check import check_values
 from pcdet_avp.errors import AvpError
 
 # torch's threads spin while they wait for one another. On cores that they share with processes that load data, or

@@ -13,7 +13,7 @@ from pcdet_avp.closed_loop.perception.link_options import LinkOptions, given_lin
 from pcdet_avp.closed_loop.perception.perceiver import SENSORLESS
 from pcdet_avp.closed_loop.sweep.sweep import Sweep
 from pcdet_avp.config import apply_overrides, config_hash, ignoring, load_config, plain, require
-from pcdet_avp.config_rules import check_values
+from pcdet_avp.config_check import check_values
 from pcdet_avp.engine.outputs import RunFolder, choose_checkpoint
 from pcdet_avp.errors import CheckpointError, ConfigError
 from pcdet_avp.provenance import provenance

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from pcdet_avp.datasets.avp.made_by import check_made_by
 from pcdet_avp.datasets.avp.manifest import MANIFEST_FILE, read_manifest
 from pcdet_avp.datasets.avp.network_input import NetworkInput
 from pcdet_avp.datasets.avp.prepare import prepare
-from pcdet_avp.datasets.avp.record import read_frame
+from pcdet_avp.datasets.avp.record import read_frame, recorded_sources
 from pcdet_avp.errors import ConfigError, RecordError
 from pcdet_avp.evaluation import Detections, GroundTruth, Region, evaluate
 from pcdet_avp.evaluation.detections_file import write_texts
@@ -102,6 +103,16 @@ class AvpDataset(torch.utils.data.Dataset):
         """The frame as recorded, with the data of the sensors in ``sensor_set``."""
         sources = [source for source in sensor_set.sources if source in self.sources]
         return read_frame(self.root_path, self.frame_ids[index], sources)
+
+    @cached_property
+    def recorded_sources(self) -> tuple[str, ...]:
+        """The sensors that any frame of the split has data of, in the order of ``SOURCES``."""
+        found: set[str] = set()
+        for frame_id in self.frame_ids:
+            found |= recorded_sources(self.root_path, frame_id)
+            if len(found) == len(SOURCES):
+                break
+        return tuple(source for source in SOURCES if source in found)
 
     def set_epoch(self, epoch: int) -> None:
         """Augmentation depends on (seed, epoch, index); until this is called, the epoch is a frame's visit count."""

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from pcdet_avp.config import apply_overrides, load_config, plain
-from pcdet_avp.config_rules import check_values
+from pcdet_avp.config_check import check_values
 from pcdet_avp.errors import ConfigError
 
 CFGS = Path(__file__).parents[1] / "cfgs"
