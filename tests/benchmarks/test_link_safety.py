@@ -20,10 +20,14 @@ def test_every_vehicle_drives_once_without_the_roadside(link_safety):
     }
 
 
+def episode(message_age_s, **figures):
+    return SimpleNamespace(figures=SimpleNamespace(**figures), message_age_s=message_age_s)
+
+
 def test_a_line_counts_crashes_and_averages_what_was_measured(link_safety):
     episodes = [
-        SimpleNamespace(crashed=True, first_detection_m=4.0, mean_speed_mps=8.0, message_age_s=None),
-        SimpleNamespace(crashed=False, first_detection_m=float("inf"), mean_speed_mps=6.0, message_age_s=0.05),
+        episode(crashed=True, first_detection_m=4.0, mean_speed_mps=8.0, message_age_s=None),
+        episode(crashed=False, first_detection_m=float("inf"), mean_speed_mps=6.0, message_age_s=0.05),
     ]
     row = link_safety.line("50 ms later", "C+CL", 8.0, episodes)
     assert row["ci95"] == pytest.approx([0.0126, 0.9874], abs=1e-4)  # 1 of 2: (0.025 / 2, 1 - 0.025 / 2) nearly
