@@ -1,8 +1,8 @@
 """Hook of mkdocs: pages of the repository that lie outside docs/, and the reference of the Python interface.
 
 A page outside docs/ (``weights/README.md``) appears in the site below ``repository/``. Links between pages are written
-for the repository, where they lead to files; here they are turned to where the site has these files. A link to something
-that the site does not carry (a folder, weights) becomes plain text.
+for the repository, where they lead to files; here they are turned to where the site has these files. A link to what
+the site does not carry (a folder, weights) becomes plain text.
 """
 
 from __future__ import annotations
