@@ -81,7 +81,7 @@ class Past:
 
 
 def parse_arguments() -> Namespace:
-    parser = config_parser("AP against the age of the roadside's maps.")
+    parser = config_parser("AP against the age of the roadside's maps.", weights=True)
     parser.add_argument("--ckpt", type=Path, required=True)
     parser.add_argument("--split", default="test")
     parser.add_argument("--every", type=int, default=1, metavar="N", help="every N-th frame of each scene")

@@ -31,7 +31,7 @@ HEAD = ["setting", "vehicle+roadside", "m/s", "crashes", "95 %", "first detectio
 
 
 def parse_arguments() -> argparse.Namespace:
-    parser = config_parser("Crashes under block loss and delay.")
+    parser = config_parser("Crashes under block loss and delay.", weights=True)
     parser.add_argument("--ckpt", required=True, help="trained weights")
     parser.add_argument("--use_amp", action="store_true", help="compute in bf16")
     parser.add_argument("--scenario", default="t_junction")

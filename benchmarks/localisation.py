@@ -59,7 +59,7 @@ class Errors:
 
 
 def parse_arguments() -> argparse.Namespace:
-    parser = config_parser("How far off the boxes are.")
+    parser = config_parser("How far off the boxes are.", weights=True)
     parser.add_argument("--ckpt", type=Path, required=True)
     parser.add_argument("--split", choices=SPLITS, default="test")
     parser.add_argument("--combos", default="all", help="all, or names between commas: C+none,C+CL")

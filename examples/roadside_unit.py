@@ -14,8 +14,8 @@ import logging
 import signal
 import socket
 import time
-from pathlib import Path
 
+from pcdet_avp.argument_types import path, positive_float, positive_int
 from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
 from pcdet_avp.datasets import build_dataset
 from pcdet_avp.datasets.avp.collate import collate, load_batch
@@ -32,14 +32,14 @@ SENSORS = SensorSet(False, False, True, True)
 
 
 def parse_arguments() -> argparse.Namespace:
-    parser = config_parser("Encode and send roadside maps.")
-    parser.add_argument("--ckpt", type=Path, required=True, help="checkpoint")
+    parser = config_parser("Encode and send roadside maps.", weights=True)
+    parser.add_argument("--ckpt", type=path, required=True, help="checkpoint")
     parser.add_argument("--to", default="127.0.0.1:47020", metavar="HOST:PORT", help="where the vehicle listens")
-    parser.add_argument("--seconds", type=float, default=10.0, help="how long to send")
-    parser.add_argument("--rate", type=float, default=20.0, help="maps of each modality a second (default: 20)")
+    parser.add_argument("--seconds", type=positive_float, default=10.0, help="how long to send")
+    parser.add_argument("--rate", type=positive_float, default=20.0, help="maps of a modality a second (default: 20)")
     parser.add_argument("--split", default="test")
-    parser.add_argument("--frames", type=int, default=8, help="length of the recording (default: 8 frames)")
-    parser.add_argument("--budget", type=int, default=72_000, help="bytes a map may take (default: 72000)")
+    parser.add_argument("--frames", type=positive_int, default=8, help="length of the recording (default: 8 frames)")
+    parser.add_argument("--budget", type=positive_int, default=72_000, help="bytes a map may take (default: 72000)")
     return parser.parse_args()
 
 

@@ -16,11 +16,11 @@ import signal
 import socket
 import time
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 from roadside_unit import address, recording
 
+from pcdet_avp.argument_types import non_negative_float, path, positive_float, positive_int, share
 from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
 from pcdet_avp.datasets import build_dataset
 from pcdet_avp.engine import distributed
@@ -37,16 +37,16 @@ TICK_S, PAUSE_S = 0.05, 0.005
 
 
 def parse_arguments() -> argparse.Namespace:
-    parser = config_parser("Receive roadside maps and fuse them with the vehicle's own.")
-    parser.add_argument("--ckpt", type=Path, required=True, help="checkpoint")
+    parser = config_parser("Receive roadside maps and fuse them with the vehicle's own.", weights=True)
+    parser.add_argument("--ckpt", type=path, required=True, help="checkpoint")
     parser.add_argument("--listen", default="127.0.0.1:47020", metavar="HOST:PORT")
-    parser.add_argument("--seconds", type=float, default=10.0, help="how long to drive after the first map")
-    parser.add_argument("--wait", type=float, default=60.0, help="how long to wait for the first map (s)")
+    parser.add_argument("--seconds", type=positive_float, default=10.0, help="how long to drive after the first map")
+    parser.add_argument("--wait", type=non_negative_float, default=60.0, help="how long to wait for the first map (s)")
     parser.add_argument("--vehicle", choices=("C", "CL"), default="CL", help="the vehicle's own sensors")
-    parser.add_argument("--drop", type=float, default=0.0, help="share of the segments that is thrown away")
-    parser.add_argument("--max_age", type=float, default=1.0, help="older maps are not used (s, default: 1)")
+    parser.add_argument("--drop", type=share, default=0.0, help="share of the segments that is thrown away")
+    parser.add_argument("--max_age", type=non_negative_float, default=1.0, help="older maps are unused (s, default: 1)")
     parser.add_argument("--split", default="test")
-    parser.add_argument("--frames", type=int, default=8, help="length of the recording, as the roadside's")
+    parser.add_argument("--frames", type=positive_int, default=8, help="length of the recording, as the roadside's")
     return parser.parse_args()
 
 

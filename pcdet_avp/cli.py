@@ -11,7 +11,9 @@ from importlib.metadata import entry_points
 from easydict import EasyDict
 
 from pcdet_avp import shipped
-from pcdet_avp.config import apply_overrides, load_config
+from pcdet_avp.argument_types import Parser, path_text
+from pcdet_avp.config import apply_overrides, ignoring, load_config
+from pcdet_avp.config_check import check_values
 from pcdet_avp.errors import AvpError
 
 # torch's threads spin while they wait for one another. On cores that they share with processes that load data, or
@@ -24,18 +26,30 @@ EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 
 
-def config_parser(description: str, default: str | None = None) -> argparse.ArgumentParser:
-    """A parser with ``--cfg`` (also ``--cfg_file``; required where there is no default) and ``--set``."""
-    parser = argparse.ArgumentParser(description=description)
+def config_parser(description: str, default: str | None = None, weights: bool = False) -> argparse.ArgumentParser:
+    """A parser with ``--cfg`` (also ``--cfg_file``; required where there is no default) and ``--set``.
+
+    ``weights``: also ``--ignore_config``, for a tool that loads weights.
+    """
+    parser = Parser(description=description)
     parser.add_argument(
         "--cfg",
         "--cfg_file",
         dest="cfg",
+        type=path_text,
         required=default is None,
         default=default,
         metavar="FILE",
         help="configuration (YAML)" + (f" (default: {os.path.basename(default)})" if default else ""),
     )
+    if weights:
+        parser.add_argument(
+            "--ignore_config",
+            nargs="+",
+            default=[],
+            metavar="KEY",
+            help="use weights although this key or section of the configuration differs from theirs",
+        )
     parser.add_argument(
         "--set", dest="overrides", nargs=argparse.REMAINDER, default=[], metavar="KEY VALUE", help="override keys; last"
     )
@@ -43,8 +57,10 @@ def config_parser(description: str, default: str | None = None) -> argparse.Argu
 
 
 def load_arguments_config(args: argparse.Namespace) -> EasyDict:
-    """The configuration that ``--cfg`` and ``--set`` describe."""
-    return apply_overrides(load_config(args.cfg), args.overrides)
+    """The configuration that ``--cfg``, ``--set`` and ``--ignore_config`` describe, its values checked."""
+    cfg = ignoring(apply_overrides(load_config(args.cfg), args.overrides), getattr(args, "ignore_config", ()))
+    check_values(cfg)
+    return cfg
 
 
 def run_tool(main: Callable[[], None]) -> None:

@@ -15,7 +15,7 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -91,9 +91,17 @@ def _expand(content: dict, path: Path, chain: tuple[Path, ...], prefix: str) -> 
         if isinstance(value, dict):
             value = _expand(value, path, chain, f"{prefix}{key}.")
         elif key in PATH_KEYS and isinstance(value, str):
-            value = shipped.in_home(os.path.abspath(path.parent / value))
+            value = shipped.in_home(os.path.abspath(path.parent / _expanded(value)))
         own[key] = value
     return _merge(base, own, path, prefix)
+
+
+def _expanded(path: str) -> str:
+    """A path with ``~`` as the home folder; one that names an unknown user is an error."""
+    expanded = os.path.expanduser(path)
+    if not path.strip() or expanded.startswith("~"):
+        raise ConfigError(f"{' or '.join(PATH_KEYS)} {path!r}: expected the path of a folder")
+    return expanded
 
 
 def _base_path(named: Any, path: Path, prefix: str) -> Path:
@@ -138,7 +146,7 @@ def _override(cfg: EasyDict, parts: list[str], key: str, text: str) -> None:
     last = _child(holder, parts[-1], key, parts[:-1])
     value = _typed(holder[last], text, key)
     if last in PATH_KEYS and isinstance(value, str):
-        value = os.path.abspath(value)
+        value = os.path.abspath(_expanded(value))
     holder[last] = value
 
 
@@ -180,6 +188,13 @@ def _overlay(old: dict, new: dict, key: str) -> dict:
         _child(merged, name, f"{key}.{name}", key.split("."))
         merged[name] = _typed(merged[name], yaml.safe_dump(value, default_flow_style=True), f"{key}.{name}")
     return merged
+
+
+def ignoring(cfg: EasyDict, keys: Iterable[str]) -> EasyDict:
+    """``cfg`` whose network takes weights that differ in these keys (see ``models.weights.agreement``)."""
+    if keys:
+        cfg.MODEL["IGNORE_CONFIG"] = [*(cfg.MODEL.get("IGNORE_CONFIG") or []), *keys]
+    return cfg
 
 
 def require(cfg: Mapping, key: str, kinds: type | tuple[type, ...] | None = None) -> Any:

@@ -15,6 +15,8 @@ import numpy as np
 from tqdm import tqdm
 
 from pcdet_avp.config import plain, require
+from pcdet_avp.datasets.avp.layout import PARTIAL_SUFFIX
+from pcdet_avp.datasets.avp.made_by import check_made_by
 from pcdet_avp.datasets.avp.manifest import MANIFEST_FILE, Manifest, Scene, read_manifest, write_manifest
 from pcdet_avp.datasets.avp.record import clean_leftovers, has_frame, read_frame, write_frame
 from pcdet_avp.datasets.avp.splits import TEST_SHARE, VAL_SHARE, assign_splits
@@ -131,13 +133,30 @@ def _claim(root: Path, manifest: Manifest) -> None:
     """Write the manifest, unless another data set lies there already; clear what a killed run left behind."""
     if (root / MANIFEST_FILE).exists():
         found = read_manifest(root)
+        check_made_by(found, manifest.generator, root)
         for name in ("seed", "generator", "scenes", "package_version"):
             if getattr(found, name) != getattr(manifest, name):
                 raise RecordError(
                     f"{root / MANIFEST_FILE}: holds a data set with another {name}; choose another folder or remove it"
                 )
+    else:
+        _refuse_foreign(root)
     write_manifest(root, manifest)
     clean_leftovers(root)
+
+
+def _refuse_foreign(root: Path) -> None:
+    """Nothing is ever written into a folder that holds something else."""
+    if root.exists() and not root.is_dir():
+        raise RecordError(f"{root}: expected the folder of a data set, found a file")
+    partial = f".{MANIFEST_FILE}{PARTIAL_SUFFIX}"  # all that a run that was killed at once leaves
+    held = sorted(entry.name for entry in root.iterdir() if entry.name != partial) if root.exists() else []
+    if held:
+        raise RecordError(
+            f"{root / MANIFEST_FILE}: missing, but the folder holds {', '.join(held[:3])}"
+            f"{' ...' if len(held) > 3 else ''}: no data are made here. If it is a recording, its {MANIFEST_FILE} is "
+            "needed; otherwise name another folder"
+        )
 
 
 def make_scene(job: SceneJob) -> int:

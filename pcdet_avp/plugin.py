@@ -52,13 +52,26 @@ def our_classes() -> dict[str, dict[str, type]]:
     }
 
 
+def registered_classes() -> dict[str, dict[str, type]]:
+    """``our_classes`` as they are registered: data set and detector derive from OpenPCDet's, which is imported."""
+    try:
+        registered = importlib.import_module("pcdet_avp.plugin_classes")
+    except ImportError as error:
+        raise PluginError(f"OpenPCDet cannot be imported: {error}") from error
+    kinds = {
+        "pcdet.datasets": {"AvpDataset": registered.RegisteredAvpDataset},
+        "pcdet.models.detectors": {"AvpCp": registered.RegisteredAvpCp},
+    }
+    return our_classes() | kinds
+
+
 def register() -> dict[str, list[str]]:
     """Enter our classes into OpenPCDet's tables; table -> names. Again is harmless.
 
     Raises PluginError, and leaves every table as it was, if OpenPCDet cannot be imported or a name is taken.
     """
-    ours = our_classes()
-    tables = {module: _table(module) for module in ours}
+    tables = {module: _table(module) for module in our_classes()}
+    ours = registered_classes()
     taken = [
         f"{module}.__all__[{name!r}] is {_path(tables[module][name])}"
         for module, classes in ours.items()

@@ -228,3 +228,21 @@ def test_an_unreachable_scheduler_is_one_clear_error(tmp_path):
     printed, _ = process.communicate(timeout=60)
     assert process.returncode == 2
     assert "cannot connect" in printed
+
+
+def test_nothing_is_written_into_a_folder_that_holds_something_else(tmp_path):
+    """A recording whose dataset.json is missing, and any folder of the user's."""
+    (tmp_path / "scenes").mkdir()
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(RecordError, match=r"dataset\.json: missing, but the folder holds notes\.txt, scenes: no data"):
+        generate(load_config(CFG), tmp_path, frames=2, workers=1)
+    assert sorted(p.name for p in tmp_path.rglob("*")) == ["notes.txt", "scenes"]
+    with pytest.raises(RecordError, match=r"notes\.txt: expected the folder of a data set, found a file"):
+        generate(load_config(CFG), tmp_path / "notes.txt", frames=2, workers=1)
+
+
+def test_another_configuration_is_named_by_its_key(reference):
+    cfg = load_config(CFG)
+    cfg.SENSORS.EGO.LIDAR.COLUMNS = 600
+    with pytest.raises(RecordError, match=r"SENSORS\.EGO\.LIDAR\.COLUMNS 300, the configuration says 600"):
+        generate(cfg, reference[0], frames=FRAMES, seed=SEED, workers=1)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator, Mapping, Sequence
+import logging
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import matplotlib
@@ -18,25 +19,29 @@ from pcdet_avp.files import write_bytes
 from pcdet_avp.visualization.palette import CLASS_INKS, MODALITY_INKS
 
 
-def write_plots(content: Mapping, folder: Path) -> list[str]:
-    """Write those plots whose studies are there; their file names."""
+def write_plots(content: Mapping, folder: Path, logger: logging.Logger) -> list[str]:
+    """Write those plots whose studies are there; their file names. One that cannot be drawn is named in the log."""
     written = []
-    for name, figure in _figures(content):
-        _save(figure, folder / name)
+    for name, draw in _figures(content):
+        try:
+            _save(draw(content), folder / name)
+        except Exception as error:  # whatever goes wrong in a picture: the numbers, and the other pictures, stand
+            logger.warning("%s: this plot could not be drawn (%s: %s)", folder / name, type(error).__name__, error)
+            continue
         written.append(name)
     return written
 
 
-def _figures(content: Mapping) -> Iterator[tuple[str, plt.Figure]]:
+def _figures(content: Mapping) -> Iterator[tuple[str, Callable[[Mapping], plt.Figure]]]:
     studies = {row["study"] for row in content["rows"]}
-    yield "bytes.png", bytes_histogram(content)
+    yield "bytes.png", bytes_histogram
     if studies & {"codec", "budget", "objects"}:
-        yield "ap_bytes.png", ap_against_bytes(content)
+        yield "ap_bytes.png", ap_against_bytes
     if "loss" in studies:
-        yield "ap_loss.png", ap_against_loss(content)
+        yield "ap_loss.png", ap_against_loss
     if "pose" in studies:
-        yield "ap_pose.png", ap_against_pose(content)
-    yield "age.png", age_bars(content)
+        yield "ap_pose.png", ap_against_pose
+    yield "age.png", age_bars
 
 
 def _save(figure: plt.Figure, file: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -46,11 +47,11 @@ def make_content(
     }
 
 
-def write_report(content: Mapping, folder: Path) -> None:
-    """Plots first, then the numbers, the page that points to both last."""
-    plots = write_plots(content, folder)
+def write_report(content: Mapping, folder: Path, logger: logging.Logger) -> None:
+    """The numbers first, then the plots, then the page again with them; a plot that fails is named in the log."""
     write_json(folder / "bandwidth.json", content)
-    write_text(folder / "report.md", report_text(content, plots))
+    write_text(folder / "report.md", report_text(content, []))
+    write_text(folder / "report.md", report_text(content, write_plots(content, folder, logger)))
 
 
 def report_text(content: Mapping, plots: Sequence[str]) -> str:

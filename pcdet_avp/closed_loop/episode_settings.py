@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
+import numpy as np
+
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.sim.dynamics import LongitudinalModel
 
@@ -25,8 +27,10 @@ class EpisodeSettings:
 
     def __post_init__(self) -> None:
         for name in ("tick_s", "time_limit_s"):
-            if not getattr(self, name) > 0:
+            if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):
                 raise ConfigError(f"CLOSED_LOOP.{name.upper()}: expected more than 0, found {getattr(self, name)}")
+        if not (np.isfinite(self.wake_m) and self.wake_m >= 0):
+            raise ConfigError(f"CLOSED_LOOP.WAKE_M: expected 0 or more, found {self.wake_m}")
         for name in ("lag_ticks", "hold_ticks"):
             if not isinstance(getattr(self, name), int) or getattr(self, name) < 0:
                 raise ConfigError(f"CLOSED_LOOP.{name.upper()}: expected 0 or more ticks, found {getattr(self, name)}")

@@ -29,6 +29,7 @@ from pcdet_avp.sim.scenarios.table import SCENARIOS, find_scenario
 from pcdet_avp.structures.frame import CLASS_NAMES
 from pcdet_avp.structures.sensor_set import SensorSet
 
+OPTIONS = ("seed", "trial")  # of ``reset``
 MAX_BOXES = 64
 FAR_M, FAST_MPS = 200.0, 50.0  # observations are clipped here
 CRASH_COST = 200.0  # more than the metres of any drive
@@ -80,7 +81,7 @@ class AvpEnv(gymnasium.Env):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):
         """``options``: ``seed`` and ``trial`` choose the very episode that a sweep drives."""
         super().reset(seed=seed)
-        wanted = {"seed": int(self.np_random.integers(2**31)), "trial": 0} | (options or {})
+        wanted = {"seed": int(self.np_random.integers(2**31)), "trial": 0} | _checked_options(options)
         scenario = self._kind.scenario(wanted["seed"], wanted["trial"], self._cruising_mps)
         self._episode = Episode(scenario, self._perceiver, self._combo, self._settings)
         self._view = PlanView(scenario) if self.render_mode else None
@@ -95,12 +96,12 @@ class AvpEnv(gymnasium.Env):
         return self._view.picture(self._episode, self._seen, self._action_mps)
 
     def step(self, action):
-        """One tick: act, let the world go on, look again."""
+        """One tick: act, let the world go on, look again. Speeds beyond [0, v_c] count as the nearest in it."""
         episode = self._episode
         if episode is None or episode.over:
             raise gymnasium.error.ResetNeeded("the episode is over (or has not begun): call reset() first")
         before = episode.state.position
-        self._action_mps = float(np.clip(action, 0.0, self._cruising_mps)[0])
+        self._action_mps = min(max(_checked_action(action), 0.0), self._cruising_mps)
         episode.move(self._action_mps)
         reward = episode.state.position - before - CRASH_COST * episode.crashed
         self._look()
@@ -129,6 +130,27 @@ class AvpEnv(gymnasium.Env):
         """``law_target_speed``: what the paper's law would do; at the end ``log``, the episode's ``EpisodeLog``."""
         info = {"law_target_speed": self._law}
         return info | ({"log": self._episode.log()} if self._episode.over else {})
+
+
+def _checked_action(action: Any) -> float:
+    """ConfigError where an action is not one finite number (1,)."""
+    try:
+        value = np.asarray(action, np.float64)
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"action: expected one target speed (1,) in m/s, found {action!r}") from error
+    if value.shape != (1,) or not np.isfinite(value).all():
+        raise ConfigError(f"action: expected one finite target speed (1,) in m/s, found {action!r}")
+    return float(value[0])
+
+
+def _checked_options(options: dict[str, Any] | None) -> dict[str, int]:
+    """ConfigError for an option that ``reset`` does not know, or that is no whole number from 0 on."""
+    for name, value in (options or {}).items():
+        if name not in OPTIONS:
+            raise ConfigError(f"reset: unknown option {name!r}; known: {', '.join(OPTIONS)}")
+        if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 0:
+            raise ConfigError(f"reset: {name}: expected a whole number, 0 or more, found {value!r}")
+    return {name: int(value) for name, value in (options or {}).items()}
 
 
 def register_environments() -> None:

@@ -11,6 +11,7 @@ import time
 from functools import partial
 from pathlib import Path
 
+from pcdet_avp.argument_types import non_negative_int, path, positive_int
 from pcdet_avp.bandwidth.plan import STUDIES
 from pcdet_avp.bandwidth.report import make_content, write_report
 from pcdet_avp.bandwidth.study import StudyOptions, run_study
@@ -29,27 +30,27 @@ from pcdet_avp.provenance import provenance
 
 
 def parse_arguments() -> argparse.Namespace:
-    parser = config_parser("Bytes, rate, and AP against bytes, block loss and pose error.")
-    parser.add_argument("--ckpt", type=Path, help=CKPT_HELP)
+    parser = config_parser("Bytes, rate, and AP against bytes, block loss and pose error.", weights=True)
+    parser.add_argument("--ckpt", type=path, help=CKPT_HELP)
     parser.add_argument("--split", choices=SPLITS, default="test")
-    parser.add_argument("--every", type=int, default=1, metavar="N", help="every N-th frame of each scene")
-    parser.add_argument("--frames", type=int, metavar="N", help="only the first N of those")
+    parser.add_argument("--every", type=positive_int, default=1, metavar="N", help="every N-th frame of each scene")
+    parser.add_argument("--frames", type=positive_int, metavar="N", help="only the first N of those")
     parser.add_argument("--combos", default="C+CL,CL+CL", help="sensor combinations with a roadside")
     parser.add_argument("--studies", default=",".join(STUDIES), help=f"some of {','.join(STUDIES)} (default: all)")
-    parser.add_argument("--budget", type=int, metavar="B", help="bytes per map (default: the paper's 72 KB, scaled)")
+    parser.add_argument("--budget", type=positive_int, metavar="B", help="bytes per map (default: the paper's, scaled)")
     parser.add_argument("--mcs", type=int, choices=BYTES_PER_SLOT, default=21, help="decides what a block carries")
-    parser.add_argument("--seed", type=int, default=0, help="of losses, pose errors and intervals")
+    parser.add_argument("--seed", type=non_negative_int, default=0, help="of losses, pose errors and intervals")
     what = "folder with ETSI's ASN.1 files of the CPM: object-level messages are encoded for real (extra 'cpm')"
-    parser.add_argument("--cpm_asn1", type=Path, metavar="DIR", help=what)
-    parser.add_argument("--out", type=Path, help="folder (default: bandwidth in the run's folder)")
-    parser.add_argument("--workers", type=int, default=1, help="processes that load data (default: 1)")
+    parser.add_argument("--cpm_asn1", type=path, metavar="DIR", help=what)
+    parser.add_argument("--out", type=path, help="folder (default: bandwidth in the run's folder)")
+    parser.add_argument("--workers", type=non_negative_int, default=1, help="processes that load data (default: 1)")
     parser.add_argument("--device", choices=("cpu", "cuda"), help="default: a GPU where there is one")
     return parser.parse_args()
 
 
 def main() -> None:
     args, started = parse_arguments(), time.time()
-    cfg, ranks = load_arguments_config(args), distributed.start(device=args.device)
+    cfg, ranks = load_arguments_config(args), distributed.start(device=args.device, alone=True)
     options = StudyOptions(
         studies=tuple(name.strip() for name in args.studies.split(",") if name.strip()),
         combos=tuple(parse_combos(args.combos)),
@@ -72,7 +73,7 @@ def main() -> None:
     seed = content.get("sampler", {}).get("seed")
     meta = provenance(cfg, Path(args.cfg).stem, seed=seed, weights_hash=weights, started=started)
     about = {"checkpoint": ckpt.name, "iterations": content.get("it")}
-    write_report(make_content(study, dataset, content.get(THRESHOLDS_KEY), meta | about, codec), out)
+    write_report(make_content(study, dataset, content.get(THRESHOLDS_KEY), meta | about, codec), out, logger)
     print((out / "report.md").read_text(encoding="utf-8") + f"\nwritten to {out}")
 
 

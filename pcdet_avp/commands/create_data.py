@@ -13,6 +13,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+from pcdet_avp.argument_types import non_negative_int, path, positive_int
 from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
 from pcdet_avp.config import require
 from pcdet_avp.datasets.avp.manifest import Manifest
@@ -27,15 +28,15 @@ from pcdet_avp.visualization.video import write_picture
 
 def parse_arguments() -> argparse.Namespace:
     parser = config_parser("Make a data set of the embedded garage, or finish one that was interrupted.")
-    parser.add_argument("--frames", type=int, help="number of frames (default: the configuration's)")
-    parser.add_argument("--seed", type=int, help="seed of everything (default: the configuration's)")
-    parser.add_argument("--out", type=Path, help="folder of the data set (default: DATA_CONFIG.DATA_PATH)")
+    parser.add_argument("--frames", type=positive_int, help="number of frames (default: the configuration's)")
+    parser.add_argument("--seed", type=non_negative_int, help="seed of everything (default: the configuration's)")
+    parser.add_argument("--out", type=path, help="folder of the data set (default: DATA_CONFIG.DATA_PATH)")
     parser.add_argument(
-        "--workers", type=int, default=os.cpu_count() or 1, help="local processes (default: one a core)"
+        "--workers", type=positive_int, default=os.cpu_count() or 1, help="local processes (default: one a core)"
     )
     parser.add_argument("--scheduler", metavar="ADDRESS", help="a running Dask scheduler instead of local processes")
     preview_help = "write pictures of the K frames that show best what the roadside adds"
-    parser.add_argument("--preview", type=int, default=0, metavar="K", help=preview_help)
+    parser.add_argument("--preview", type=non_negative_int, default=0, metavar="K", help=preview_help)
     return parser.parse_args()
 
 

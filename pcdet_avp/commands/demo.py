@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
+from pcdet_avp.argument_types import non_negative_float, path, positive_float, positive_int
 from pcdet_avp.cli import CKPT_HELP, config_parser, load_arguments_config, run_tool
 from pcdet_avp.config import require
 from pcdet_avp.datasets import build_dataset
@@ -30,22 +31,22 @@ from pcdet_avp.visualization.video import write_picture, write_video
 
 
 def parse_arguments() -> argparse.Namespace:
-    parser = config_parser("Pictures or a video of what a network finds.")
-    parser.add_argument("--ckpt", type=Path, help=CKPT_HELP)
-    parser.add_argument("--data_path", type=Path, help="a point cloud (.bin, .npy: x, y, z, intensity), or a folder")
-    parser.add_argument("--lidar_height_m", type=float, help="of --data_path, above the floor (default: the vehicle's)")
+    parser = config_parser("Pictures or a video of what a network finds.", weights=True)
+    parser.add_argument("--ckpt", type=path, help=CKPT_HELP)
+    parser.add_argument("--data_path", type=path, help="a point cloud (.bin, .npy: x, y, z, intensity), or a folder")
+    parser.add_argument("--lidar_height_m", type=non_negative_float, help="of --data_path (default: the vehicle's)")
     parser.add_argument("--frame", metavar="ID", help="one frame (scene/frame) as a picture, instead of a video")
     parser.add_argument(
         "--pictures",
-        type=int,
+        type=positive_int,
         metavar="K",
         help="pictures of the K frames of the split that show best what the roadside adds, instead of a video",
     )
     parser.add_argument("--combos", default="CL+none,CL+CL", help="sensor combinations side by side")
     parser.add_argument("--split", choices=SPLITS, default="test")
-    parser.add_argument("--frames", type=int, help="how many frames the video shows (default: all of the split)")
-    parser.add_argument("--fps", type=float, default=2.0, help="frames of the video a second (default: 2)")
-    parser.add_argument("--out", type=Path, help="folder (default: demo in the run's folder)")
+    parser.add_argument("--frames", type=positive_int, help="length of the video (default: all frames of the split)")
+    parser.add_argument("--fps", type=positive_float, default=2.0, help="frames of the video a second (default: 2)")
+    parser.add_argument("--out", type=path, help="folder (default: demo in the run's folder)")
     parser.add_argument("--device", choices=("cpu", "cuda"), help="default: a GPU where there is one")
     return parser.parse_args()
 
@@ -53,7 +54,7 @@ def parse_arguments() -> argparse.Namespace:
 def main() -> None:
     args = parse_arguments()
     cfg, combos = load_arguments_config(args), parse_combos(args.combos)
-    ranks = distributed.start(device=args.device)
+    ranks = distributed.start(device=args.device, alone=True)
     run_folder = RunFolder.of(args.cfg)
     out = args.out or run_folder.root / "demo"
     make_folder(out)

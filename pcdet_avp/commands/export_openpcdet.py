@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from pcdet_avp import shipped
+from pcdet_avp.argument_types import Parser, path
 from pcdet_avp.cli import run_tool
 from pcdet_avp.config import load_config
 from pcdet_avp.errors import ConfigError
@@ -18,9 +19,9 @@ FOLDER = Path("cfgs") / "openpcdet"
 
 
 def parse_arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description="Configurations for OpenPCDet's own scripts.")
+    parser = Parser(description="Configurations for OpenPCDet's own scripts.")
     parser.add_argument("--cfg", "--cfg_file", dest="cfg", metavar="FILE", help="default: cp_tiny, cp_small, cp_full")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="file to write, with --cfg")
+    parser.add_argument("--out", type=path, metavar="FILE", help="file to write, with --cfg")
     return parser.parse_args()
 
 

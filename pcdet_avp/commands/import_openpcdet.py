@@ -8,6 +8,7 @@ import sys
 from functools import partial
 from pathlib import Path
 
+from pcdet_avp.argument_types import non_negative_int, path
 from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
 from pcdet_avp.config import require
 from pcdet_avp.datasets.avp.network_input import NetworkInput
@@ -22,9 +23,9 @@ from pcdet_avp.models.weights.openpcdet import is_openpcdet, load_openpcdet
 
 def parse_arguments() -> argparse.Namespace:
     parser = config_parser("A checkpoint of OpenPCDet's PointPillar as one of ours.")
-    parser.add_argument("--ckpt", type=Path, required=True, help="OpenPCDet's checkpoint")
-    parser.add_argument("--out", type=Path, required=True, help="checkpoint to write")
-    parser.add_argument("--seed", type=int, default=0, help="of the weights that it has nothing for (default: 0)")
+    parser.add_argument("--ckpt", type=path, required=True, help="OpenPCDet's checkpoint")
+    parser.add_argument("--out", type=path, required=True, help="checkpoint to write")
+    parser.add_argument("--seed", type=non_negative_int, default=0, help="of the weights that it lacks (default: 0)")
     return parser.parse_args()
 
 

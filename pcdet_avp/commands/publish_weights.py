@@ -6,31 +6,42 @@ import argparse
 from functools import partial
 from pathlib import Path
 
+from pcdet_avp.argument_types import Parser, path
 from pcdet_avp.cli import run_tool
-from pcdet_avp.engine.checkpoint import save, weights_hash
+from pcdet_avp.engine.checkpoint import furthest_first, save, weights_hash
 from pcdet_avp.errors import CheckpointError
+from pcdet_avp.models.weights.agreement import MEANING_KEY, meaning_in
 from pcdet_avp.models.weights.checkpoint_file import THRESHOLDS_KEY, read_checkpoint
 
 KEPT = ("model_state", "epoch", "it", "elapsed_s", "version", "versions", "config_name", "config_hash", "config")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--ckpt", type=Path, required=True, help="checkpoint of a finished run")
-    parser.add_argument("--out", type=Path, required=True, help="file to write")
+    parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--ckpt", type=path, required=True, help="checkpoint of a finished run, or its folder")
+    parser.add_argument("--out", type=path, required=True, help="file to write, .pth or .safetensors")
     args = parser.parse_args()
-    content = read_checkpoint(args.ckpt)
+    ckpt = furthest_of(args.ckpt) if args.ckpt.is_dir() else args.ckpt
+    content = read_checkpoint(ckpt)
     missing = [key for key in (*KEPT, THRESHOLDS_KEY) if key not in content]
     if missing:
         raise CheckpointError(
-            f"{args.ckpt}: lacks {', '.join(missing)}; tools/train.py chooses score thresholds at the end of a run"
+            f"{ckpt}: lacks {', '.join(missing)}; tools/train.py chooses score thresholds at the end of a run"
         )
     config = content["config"]
     data = {**config["DATA_CONFIG"], "DATA_PATH": Path(config["DATA_CONFIG"]["DATA_PATH"]).name}  # no path of this disk
     kept = {key: content[key] for key in (*KEPT, THRESHOLDS_KEY)}
-    save(args.out, kept | {"config": {**config, "DATA_CONFIG": data}})
+    save(args.out, kept | {"config": {**config, "DATA_CONFIG": data}, MEANING_KEY: meaning_in(content)})
     size = args.out.stat().st_size / 2**20
     print(f"wrote {args.out}: weights {weights_hash(content['model_state'])}, {size:.1f} MB")
+
+
+def furthest_of(folder: Path) -> Path:
+    """The checkpoint of a run's folder that was trained longest."""
+    found = furthest_first(folder)
+    if not found:
+        raise CheckpointError(f"{folder}: no checkpoint there")
+    return found[0]
 
 
 run = partial(run_tool, main)

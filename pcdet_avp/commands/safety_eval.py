@@ -11,6 +11,7 @@ import time
 from functools import partial
 from pathlib import Path
 
+from pcdet_avp.argument_types import non_negative_int, path, path_text, positive_float, positive_int
 from pcdet_avp.cli import CKPT_HELP, config_parser, run_tool
 from pcdet_avp.closed_loop.perception.factory import PERCEPTIONS
 from pcdet_avp.closed_loop.perception.link_options import add_link_arguments
@@ -25,22 +26,22 @@ SPEEDS_MPS = (3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0)
 
 
 def parse_arguments() -> argparse.Namespace:
-    parser = config_parser("Closed-loop safety.", default="cfgs/avp/cp_full.yaml")
+    parser = config_parser("Closed-loop safety.", default="cfgs/avp/cp_full.yaml", weights=True)
     parser.add_argument("--scenario", required=True, metavar="S", help=f"{', '.join(SCENARIOS)}, or module:name")
     parser.add_argument("--perception", required=True, metavar="P", help=f"{', '.join(PERCEPTIONS)}, or module:name")
-    parser.add_argument("--ckpt", help=f"for --perception model: {CKPT_HELP}")
+    parser.add_argument("--ckpt", type=path_text, help=f"for --perception model: {CKPT_HELP}")
     parser.add_argument("--use_amp", action="store_true", help="compute in bf16; a tenth faster on CPUs that have it")
     parser.add_argument("--combos", default="all", help="all, or names between commas: C+none,C+CL")
-    parser.add_argument("--speeds", nargs="+", type=float, default=SPEEDS_MPS, help="cruising speeds (m/s)")
-    parser.add_argument("--trials", type=int, default=20, help="episodes per cell (default: 20)")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--speeds", nargs="+", type=positive_float, default=SPEEDS_MPS, help="cruising speeds (m/s)")
+    parser.add_argument("--trials", type=positive_int, default=20, help="episodes per cell (default: 20)")
+    parser.add_argument("--seed", type=non_negative_int, default=0)
     parser.add_argument("--search", action="store_true", help="seek the edge of safety instead of filling the table")
-    parser.add_argument("--workers", type=int, default=2, help="processes (default: 2)")
+    parser.add_argument("--workers", type=positive_int, default=2, help="processes (default: 2)")
     parser.add_argument("--scheduler", help="address of a running Dask scheduler (tcp://host:port)")
     parser.add_argument(
         "--video", action="store_true", help="videos: the slowest crash, or fastest drive, of every line"
     )
-    parser.add_argument("--out", type=Path, help="default: output/safety_eval/SCENARIO_PERCEPTION")
+    parser.add_argument("--out", type=path, help="default: output/safety_eval/SCENARIO_PERCEPTION")
     add_link_arguments(parser)
     return parser.parse_args()
 

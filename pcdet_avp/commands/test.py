@@ -1,4 +1,4 @@
-"""``avp-test``: the benchmark table of a trained network, beside the paper's."""
+"""``avp-test``: the benchmark table of a trained network, beside the paper's; of a depth branch alone, its errors."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ import time
 from functools import partial
 from pathlib import Path
 
+from pcdet_avp.argument_types import non_negative_int, path, positive_int
 from pcdet_avp.cli import CKPT_HELP, config_parser, load_arguments_config, run_tool
 from pcdet_avp.datasets.avp.splits import SPLITS
 from pcdet_avp.engine import distributed
-from pcdet_avp.engine.checkpoint import LATEST
-from pcdet_avp.engine.outputs import RunFolder, choose_checkpoint, newest_first, open_log
+from pcdet_avp.engine.checkpoint import LATEST, furthest_first
+from pcdet_avp.engine.outputs import RunFolder, choose_checkpoint, open_log
 from pcdet_avp.engine.testing.depth_table import DepthResult, run_depth_test
 from pcdet_avp.engine.testing.detect import as_scalars, parse_combos
 from pcdet_avp.engine.testing.run import BenchmarkResult, run_test
@@ -23,21 +24,23 @@ from pcdet_avp.models import detects_objects
 
 
 def parse_arguments() -> argparse.Namespace:
-    parser = config_parser("Test a trained network.")
-    parser.add_argument("--ckpt", type=Path, help=CKPT_HELP)
+    parser = config_parser("Test a trained network.", weights=True)
+    parser.add_argument("--ckpt", type=path, help=CKPT_HELP)
     parser.add_argument("--combos", default="all", help="all, or names between commas: C+none,C+CL")
     parser.add_argument("--wire", action="store_true", help="send every roadside map through encoded bytes")
     parser.add_argument("--split", choices=SPLITS, help="default: test; val with --eval_all and for depth errors")
-    parser.add_argument("--json", type=Path, help="write the result to this file as well")
-    parser.add_argument("--batch_size", type=int, default=1)
-    parser.add_argument("--workers", type=int, default=2, help="processes that load data (default: 2)")
+    parser.add_argument("--json", type=path, help="write the result to this file as well")
+    parser.add_argument("--batch_size", type=positive_int, default=1)
+    parser.add_argument("--workers", type=non_negative_int, default=2, help="processes that load data (default: 2)")
     parser.add_argument("--extra_tag", default="default", help="name of the run (default: default)")
     parser.add_argument("--eval_tag", help="name of this evaluation (default: default, or wire)")
     parser.add_argument("--eval_all", action="store_true", help="test every checkpoint, curves in TensorBoard")
-    parser.add_argument("--start_epoch", type=int, default=0, help="with --eval_all: leave out those before this epoch")
+    parser.add_argument(
+        "--start_epoch", type=non_negative_int, default=0, help="with --eval_all: only from this epoch on"
+    )
     parser.add_argument("--save_to_file", action="store_true", help="the detections of every frame as text, too")
-    parser.add_argument("--ckpt_dir", type=Path, help="folder for --eval_all (default: the run's)")
-    parser.add_argument("--launcher", choices=distributed.LAUNCHERS, default="none", help="pytorch: under torchrun")
+    parser.add_argument("--ckpt_dir", type=path, help="folder for --eval_all (default: the run's)")
+    parser.add_argument("--launcher", choices=distributed.LAUNCHERS, help="default: found out from the environment")
     parser.add_argument("--device", choices=("cpu", "cuda"), help="default: a GPU where there is one")
     return parser.parse_args()
 
@@ -70,7 +73,7 @@ def _checkpoints(args: argparse.Namespace, folder: RunFolder, logger: logging.Lo
     where = args.ckpt_dir or folder.checkpoints
     if args.ckpt or not args.eval_all:
         return [choose_checkpoint(args.ckpt, args.cfg, where, logger.info)]
-    found = newest_first(where)
+    found = furthest_first(where)
     if not found:
         raise ConfigError(f"--eval_all: {where}: no checkpoint there")
     return [path for path in reversed(found) if path.name != LATEST and epoch_of(path) >= args.start_epoch]

@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 
 from pcdet_avp import shipped
+from pcdet_avp.argument_types import Parser, non_negative_float, path, positive_int
 from pcdet_avp.cli import run_tool
 from pcdet_avp.files import write_text
 from pcdet_avp.tour.page import tour_page
@@ -22,11 +23,11 @@ from pcdet_avp.visualization.page import render
 
 
 def parse_arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=Path("output", "tour"), help="default: output/tour")
+    parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=path, default=Path("output", "tour"), help="default: output/tour")
     parser.add_argument("--weights", default="weights/cp_small.pth", help="default: those of the package")
-    parser.add_argument("--train_minutes", type=float, default=3.0, help="0: no training (default: 3)")
-    parser.add_argument("--episodes", type=int, default=3, help="with the network driving (default: 3)")
+    parser.add_argument("--train_minutes", type=non_negative_float, default=3.0, help="0: no training (default: 3)")
+    parser.add_argument("--episodes", type=positive_int, default=3, help="with the network driving (default: 3)")
     return parser.parse_args()
 
 

@@ -7,10 +7,12 @@ benchmark. Stop it when you like, by Ctrl-C or otherwise; the same command goes 
 from __future__ import annotations
 
 import argparse
+import difflib
 import time
 from functools import partial
 from pathlib import Path
 
+from pcdet_avp.argument_types import non_negative_int, path, positive_float, positive_int
 from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
 from pcdet_avp.config import require
 from pcdet_avp.datasets.avp.manifest import MANIFEST_FILE, read_manifest
@@ -24,6 +26,7 @@ from pcdet_avp.generate import generate
 from pcdet_avp.models import detects_objects
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
 
+NEARLY_THE_SAME = 0.85  # likeness of two names (difflib) from which on one is taken for a misspelling of the other
 SLOW_CELLS = 100_000  # BEV cells from which on a network belongs on a GPU
 SLOW = (
     "{cfg} on a CPU will take weeks; cfgs/avp/cp_small.yaml is made for two CPU cores and hours. To save memory the "
@@ -32,34 +35,36 @@ SLOW = (
 
 
 def parse_arguments() -> argparse.Namespace:
-    parser = config_parser("Train a network.")
-    parser.add_argument("--epochs", type=int, help="OPTIMIZATION.NUM_EPOCHS")
-    parser.add_argument("--batch_size", type=int, help="over all processes (default: BATCH_SIZE_PER_GPU for each)")
-    parser.add_argument("--workers", type=int, default=2, help="processes that load data (default: 2)")
+    parser = config_parser("Train a network.", weights=True)
+    parser.add_argument("--epochs", type=positive_int, help="OPTIMIZATION.NUM_EPOCHS")
+    parser.add_argument("--batch_size", type=positive_int, help="of all processes (default: BATCH_SIZE_PER_GPU each)")
+    parser.add_argument("--workers", type=non_negative_int, default=2, help="processes that load data (default: 2)")
     parser.add_argument("--extra_tag", default="default", help="name of this run (default: default)")
-    parser.add_argument("--ckpt", type=Path, help="go on from this checkpoint instead of the run's newest")
+    parser.add_argument("--ckpt", type=path, help="go on from this checkpoint instead of the run's newest")
     parser.add_argument(
         "--pretrained_model",
-        type=Path,
+        type=path,
         nargs="+",
         default=[],
         metavar="FILE",
         help="start from the weights in these files; each may hold a part, a later one overrides an earlier one",
     )
-    parser.add_argument("--launcher", choices=distributed.LAUNCHERS, default="none", help="pytorch: under torchrun")
+    parser.add_argument("--launcher", choices=distributed.LAUNCHERS, help="default: found out from the environment")
     parser.add_argument("--device", choices=("cpu", "cuda"), help="default: a GPU where there is one")
     parser.add_argument(
-        "--seed", type=int, default=0, help="of weights, shuffling and sensor combinations (default: 0)"
+        "--seed", type=non_negative_int, default=0, help="of weights, shuffling and sensor combinations (default: 0)"
     )
     parser.add_argument("--fix_random_seed", action="store_true", help="also choose deterministic GPU kernels")
     parser.add_argument("--use_amp", action="store_true", help="mixed precision (OPTIMIZATION.AMP_DTYPE)")
     parser.add_argument("--sync_bn", action="store_true", help="batch norms over all processes")
-    parser.add_argument("--max_minutes", type=float, help="shorten the schedule so that training takes this long")
-    parser.add_argument("--ckpt_save_interval", type=int, default=1, metavar="EPOCHS")
-    parser.add_argument("--ckpt_save_time_interval", type=float, default=300, metavar="SECONDS")
-    parser.add_argument("--max_ckpt_save_num", type=int, default=10, help="epochs kept (default: 10)")
-    parser.add_argument("--logger_iter_interval", type=int, default=50, metavar="ITERATIONS")
-    parser.add_argument("--picture_interval", type=int, default=500, metavar="ITERATIONS")
+    parser.add_argument("--max_minutes", type=positive_float, help="shorten the schedule to fit into this time")
+    parser.add_argument("--ckpt_save_interval", type=positive_int, default=1, metavar="EPOCHS")
+    parser.add_argument("--ckpt_save_time_interval", type=positive_float, default=300, metavar="SECONDS")
+    parser.add_argument(
+        "--max_ckpt_save_num", type=non_negative_int, default=10, help="epochs kept, 0: all; default: 10"
+    )
+    parser.add_argument("--logger_iter_interval", type=positive_int, default=50, metavar="ITERATIONS")
+    parser.add_argument("--picture_interval", type=positive_int, default=500, metavar="ITERATIONS")
     parser.add_argument("--no_eval", action="store_true", help="do not test at the end")
     return parser.parse_args()
 
@@ -108,8 +113,23 @@ def _make_data(cfg, args: argparse.Namespace, logger) -> None:
     begun = (root / MANIFEST_FILE).exists()
     if begun and read_manifest(root).complete:
         return
+    if not begun:
+        _refuse_misspelt(root)
     logger.info(f"the data set in {root} is unfinished: going on" if begun else f"no data set in {root}: making it")
     generate(cfg.DATA_CONFIG, root, workers=max(args.workers, 1))
+
+
+def _refuse_misspelt(root: Path) -> None:
+    """Where there is nothing, but a data set of nearly this name beside it, the user means that one."""
+    beside = root.parent.iterdir() if root.parent.is_dir() else ()
+    names = [entry.name for entry in beside if (entry / MANIFEST_FILE).is_file()]
+    names = [name for name in names if not root.name.startswith(name)]  # avp_small_2 is a set of its own
+    near = difflib.get_close_matches(root.name, names, n=1, cutoff=NEARLY_THE_SAME)
+    if near:
+        raise ConfigError(
+            f"DATA_CONFIG.DATA_PATH {root}: no data set there, but there is {root.parent / near[0]}; if a new one is "
+            f"wanted, make it with tools/create_data.py --out {root}"
+        )
 
 
 def _options(args: argparse.Namespace, recompute_encoders: bool) -> TrainOptions:

@@ -6,42 +6,62 @@ A file holds tensors and plain values only (``torch.load(weights_only=True)``). 
 
 from __future__ import annotations
 
-import hashlib
+import logging
 import os
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import torch
 from torch import nn
 
-from pcdet_avp.engine.outputs import newest_first
 from pcdet_avp.errors import CheckpointError
-from pcdet_avp.models.weights.checkpoint_file import read_checkpoint
+from pcdet_avp.models.weights.agreement import check_meaning
+from pcdet_avp.models.weights.checkpoint_file import iterations_of, read_checkpoint
+from pcdet_avp.models.weights.safetensors_file import SUFFIX, encode
+from pcdet_avp.models.weights.weights_hash import weights_hash
+
+__all__ = ["LATEST", "drop_oldest", "furthest_first", "load_model", "load_newest", "save", "weights_hash"]
 
 LATEST = "latest_model.pth"
+EPOCH_FILE = re.compile(r"checkpoint_epoch_(\d+)\.pth")
+logger = logging.getLogger(__name__)
 
 
 def save(path: Path, content: Mapping[str, Any]) -> None:
-    """Write a checkpoint beside its place, make sure it is on the disk, and move it there."""
+    """Write a checkpoint beside its place, make sure it is on the disk, and move it there.
+
+    A name that ends in ``.safetensors`` chooses that format, for weights and plain values.
+    """
     aside = path.with_name(f"{path.name}.{os.getpid()}.tmp")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with aside.open("wb") as file:
-            torch.save(dict(content), file)
+            _write(content, path.suffix, file)
             file.flush()
             os.fsync(file.fileno())
         os.replace(aside, path)
         _sync_folder(path.parent)
-    except (OSError, RuntimeError) as error:
+    except (OSError, RuntimeError, ValueError) as error:
         with suppress(OSError):
             aside.unlink()
         raise CheckpointError(f"{path}: cannot write this checkpoint ({error})") from error
 
 
-def load_model(model: nn.Module, content: Mapping[str, Any], path: str | os.PathLike) -> None:
+def _write(content: Mapping[str, Any], suffix: str, file: BinaryIO) -> None:
+    if suffix == SUFFIX:
+        file.write(encode(content))
+    else:
+        torch.save(dict(content), file)
+
+
+def load_model(
+    model: nn.Module, content: Mapping[str, Any], path: str | os.PathLike, log: logging.Logger = logger
+) -> None:
     """Put the weights of a checkpoint into ``model``; a file of another network is named with what differs first."""
+    check_meaning(model, content, path, log)
     theirs, ours = content["model_state"], model.state_dict()
     for key, value in ours.items():
         found = tuple(theirs[key].shape) if key in theirs else "nothing"
@@ -54,38 +74,65 @@ def load_model(model: nn.Module, content: Mapping[str, Any], path: str | os.Path
     model.load_state_dict(theirs)
 
 
-def weights_hash(model_state: Mapping[str, torch.Tensor]) -> str:
-    """16 hexadecimal digits that change with any weight, not with key order, device or file."""
-    digest = hashlib.sha256()
-    for key in sorted(model_state):
-        value = model_state[key].detach().cpu().contiguous()
-        digest.update(f"{key}|{value.dtype}|{tuple(value.shape)}".encode())
-        digest.update(value.reshape(-1).view(torch.uint8).numpy().tobytes())
-    return digest.hexdigest()[:16]
+def furthest_first(folder: Path) -> list[Path]:
+    """The checkpoints of a run that can be read, the one trained longest first: by what is in them.
+
+    Times of files say nothing after a copy. Of two that are equally far the one written last comes first.
+    CheckpointError where there are some and none can be read.
+    """
+    readable, damaged = _by_progress(folder)
+    if damaged and not readable:
+        raise CheckpointError(_none_readable(folder, map(_problem, damaged)))
+    return readable
+
+
+def _by_progress(folder: Path) -> tuple[list[Path], list[Path]]:
+    """Checkpoints that can be read, furthest first, and those that cannot, by name."""
+    iterations = {path: iterations_of(path) for path in sorted(folder.glob("*.pth"))}
+    readable = [path for path, it in iterations.items() if it is not None]
+    readable.sort(key=lambda path: (iterations[path], path.stat().st_mtime_ns, path.name), reverse=True)
+    return readable, [path for path, it in iterations.items() if it is None]
 
 
 def load_newest(folder: Path, device: torch.device | str = "cpu") -> tuple[Path, dict[str, Any], list[str]] | None:
-    """(path, content, complaints) of the newest checkpoint that can be read; None where there is none at all.
+    """(path, content, complaints) of the furthest checkpoint that can be read; None where there is none at all.
 
-    Damaged ones before it are renamed, so that nothing overwrites them, and complained about. If all are damaged,
-    that is an error, and they stay as they are.
+    Damaged ones are renamed, so that nothing overwrites them, and complained about. If all are damaged, that is an
+    error, and they stay as they are.
     """
-    damaged: dict[Path, str] = {}
-    for path in newest_first(folder):
+    readable, damaged = _by_progress(folder)
+    problems = {path: _problem(path) for path in damaged}
+    for path in readable:
         try:
             content = read_checkpoint(path, device)
-        except CheckpointError as error:
-            damaged[path] = str(error)
+        except CheckpointError as error:  # its tensors are damaged
+            problems[path] = str(error)
             continue
-        return path, content, [f"{why}; kept as {_set_aside(bad).name}" for bad, why in damaged.items()]
-    if damaged:
-        raise CheckpointError(f"{folder}: no checkpoint can be read; " + "; ".join(damaged.values()))
+        return path, content, [f"{why}; kept as {_set_aside(bad).name}" for bad, why in problems.items()]
+    if problems:
+        raise CheckpointError(_none_readable(folder, problems.values()))
     return None
 
 
+def _none_readable(folder: Path, problems: Iterable[str]) -> str:
+    return f"{folder}: no checkpoint can be read; " + "; ".join(problems)
+
+
+def _problem(path: Path) -> str:
+    try:
+        read_checkpoint(path)
+    except CheckpointError as error:
+        return str(error)
+    return f"{path}: cannot be read"
+
+
 def drop_oldest(folder: Path, keep: int) -> None:
-    """Remove epoch checkpoints, oldest first, until ``keep`` are left."""
-    for path in [p for p in newest_first(folder) if p.name != LATEST][keep:]:
+    """Remove epoch checkpoints, those of the first epochs first, until ``keep`` are left; 0 keeps all.
+
+    Files of other names are the user's and stay.
+    """
+    epochs = {path: int(match[1]) for path in folder.glob("*.pth") if (match := EPOCH_FILE.fullmatch(path.name))}
+    for path in sorted(epochs, key=epochs.get, reverse=True)[keep:] if keep else ():
         path.unlink(missing_ok=True)
 
 

@@ -16,6 +16,8 @@ from torch.nn.parallel import DistributedDataParallel
 from pcdet_avp.errors import ConfigError
 
 LAUNCHERS = ("none", "pytorch")
+# Variables with the number of processes that others than torchrun start, and who does.
+FOREIGN_LAUNCHERS = {"SLURM_STEP_NUM_TASKS": "srun", "OMPI_COMM_WORLD_SIZE": "Open MPI", "PMI_SIZE": "MPI"}
 TIMEOUT = timedelta(minutes=30)  # rank 0 may evaluate and write pictures while the others wait
 
 
@@ -63,8 +65,16 @@ class Ranks:
         return self.gather(value)[0]
 
 
-def start(launcher: str = "none", device: str | None = None) -> Ranks:
-    """Join the other processes that the launcher started; ``device`` is cpu or cuda, by default what there is."""
+def start(launcher: str | None = None, device: str | None = None, alone: bool = False) -> Ranks:
+    """Join the other processes that the launcher started; ``device`` is cpu or cuda, by default what there is.
+
+    ``launcher`` None: found out from the environment. ``alone``: the tool computes in one process; it is an error to
+    start several, which would write over each other's files.
+    """
+    others = _started_by_launcher()
+    if others and (alone or launcher == "none"):
+        raise ConfigError(f"{others}: expected one process; several would write over each other's files")
+    launcher = launcher or ("pytorch" if others else "none")
     if launcher not in LAUNCHERS:
         raise ConfigError(f"--launcher: unknown {launcher!r}; known: {', '.join(LAUNCHERS)}")
     kind = device or ("cuda" if torch.cuda.is_available() else "cpu")
@@ -78,6 +88,21 @@ def start(launcher: str = "none", device: str | None = None) -> Ranks:
         kind = f"cuda:{local_rank}"
     dist.init_process_group("nccl" if kind.startswith("cuda") else "gloo", timeout=TIMEOUT)
     return Ranks(torch.device(kind), rank, world)
+
+
+def _started_by_launcher() -> str:
+    """What in the environment says that this process is one of several, or nothing; ConfigError if we cannot join."""
+    world = os.environ.get("WORLD_SIZE", "")
+    if world.isdecimal() and int(world) > 1:
+        return f"WORLD_SIZE {world} in the environment"
+    for name, who in FOREIGN_LAUNCHERS.items():
+        count = os.environ.get(name, "")
+        if "RANK" not in os.environ and count.isdecimal() and int(count) > 1:
+            raise ConfigError(
+                f"{who} started {count} processes ({name}), each of which would be a run of its own in one folder; "
+                "let it start one per machine, and that torchrun --nproc_per_node N"
+            )
+    return ""
 
 
 def stop() -> None:

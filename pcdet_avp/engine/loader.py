@@ -39,7 +39,8 @@ def _start_worker(_worker: int) -> None:
     A step of training waits for its slowest thread: workers that get in its way cost more than their own time.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.nice(WORKER_NICENESS)
+    if hasattr(os, "nice"):
+        os.nice(WORKER_NICENESS)
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, range(os.cpu_count()))
 

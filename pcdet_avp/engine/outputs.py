@@ -61,23 +61,20 @@ class RunFolder:
         write_text(self.root / f"{name}.yaml", yaml.safe_dump(plain(cfg), sort_keys=False))
 
 
-def newest_first(folder: Path) -> list[Path]:
-    """The checkpoints of a run, the one written last first."""
-    return sorted(folder.glob("*.pth"), key=lambda path: (path.stat().st_mtime_ns, path.name), reverse=True)
-
-
 def choose_checkpoint(
     given: str | os.PathLike | None, cfg: str | os.PathLike, folder: Path, tell: Callable[[str], None]
 ) -> Path:
-    """The checkpoint that a tool works with: the given one, the newest in a run's ``folder``, or the package's own.
+    """The checkpoint that a tool works with: the given one, the furthest in a run's ``folder``, or the package's own.
 
     Without a given one, ``tell`` hears which was taken. The package's weights serve the configuration that they were
     trained with, ``cfg``, and no other. ConfigError where there is none at all.
     """
     if given is not None:
         return shipped.find_checkpoint(given)
-    if own := newest_first(folder):
-        tell(f"no --ckpt: taking the newest checkpoint of this run, {own[0]}")
+    from pcdet_avp.engine.checkpoint import furthest_first  # imports torch
+
+    if own := furthest_first(folder):
+        tell(f"no --ckpt: taking the checkpoint of this run that was trained longest, {own[0]}")
         return own[0]
     weights = shipped.weights_of(shipped.find_config(cfg))
     if weights is None:

@@ -12,6 +12,7 @@ number serves all four: MCS 7 leaves more elements to overhead than MCS 21. With
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import inf
 
 from pcdet_avp.errors import LinkError
 from pcdet_avp.link.loss import LossModel
@@ -41,7 +42,7 @@ class NrV2xConfig:
     def __post_init__(self) -> None:
         if self.mcs not in BYTES_PER_SLOT:
             raise LinkError(f"NR-V2X: expected MCS {', '.join(map(str, BYTES_PER_SLOT))}, found {self.mcs}")
-        if self.repetitions < 1 or not (self.delay_ms >= 0 and self.jitter_ms >= 0):
+        if self.repetitions < 1 or not (0 <= self.delay_ms < inf and 0 <= self.jitter_ms < inf):
             found = f"{self.repetitions}, {self.delay_ms} ms and {self.jitter_ms} ms"
             raise LinkError(f"NR-V2X: expected repetitions >= 1, delay and jitter >= 0, found {found}")
         if self.deadline_ms is not None and not self.deadline_ms > 0:

@@ -55,7 +55,9 @@ class OpenPCDetAvpDataset(AvpDataset):
 def find_data(path: str, places: Sequence[Path] | None = None) -> Path:
     """The data set's folder: an absolute path as it is; a relative one below the working folder or our checkout."""
     places = [Path.cwd(), shipped.home()] if places is None else places
-    candidates = list(dict.fromkeys((place / path).resolve() for place in places))  # an absolute path wins over places
+    candidates = list(
+        dict.fromkeys((place / Path(path).expanduser()).resolve() for place in places)
+    )  # an absolute path wins over places
     for candidate in candidates:
         if (candidate / MANIFEST_FILE).is_file():
             return candidate

@@ -5,6 +5,7 @@ The short names (``C+none`` ... ``CL+CL``) are used everywhere: command line, ta
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 from pcdet_avp.errors import SensorError
@@ -72,3 +73,17 @@ SENSOR_SETS = {
     "CL+C": SensorSet(True, True, True, False),
     "CL+CL": SensorSet(True, True, True, True),
 }
+
+
+def combos_with(sources: Collection[str]) -> list[str]:
+    """The paper's combinations that recordings with these sources can show, in its order.
+
+    The vehicle has a sensor, and no two of them come to the same sensors: of recordings without any camera CL+none
+    and CL+CL remain.
+    """
+    names: dict[tuple[str, ...], str] = {}
+    for name, sensor_set in SENSOR_SETS.items():
+        used = tuple(source for source in sensor_set.sources if source in sources)
+        if any(source in EGO_SOURCES for source in used):
+            names.setdefault(used, name)
+    return list(names.values())

@@ -173,3 +173,42 @@ except ImportError as error:
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == 'pcdet_avp.closed_loop.gym_env needs gymnasium: pip install ".[gym]"\n'
+
+
+@pytest.mark.parametrize(
+    "action", [np.array([np.nan]), [np.inf], [-np.inf], [1.0, 2.0], 3.0, [[4.0]], [], "fast", None, ["x"]]
+)
+def test_an_action_that_cannot_be_is_named_at_once_and_changes_nothing(action):
+    env = gym_env.AvpEnv("t_junction", 8.0)
+    env.reset(seed=0)
+    before = env._episode.state
+    with pytest.raises(ConfigError, match=r"^action: expected one .*target speed"):
+        env.step(action)
+    assert env._episode.state == before
+    env.step(np.array([8.0], np.float32))
+
+
+def test_an_action_beyond_the_limits_is_the_nearest_within():
+    logs = []
+    for beyond, within in (((1e9,), (8.0,)), ((-5.0,), (0.0,))):
+        states = []
+        for action in (beyond, within):
+            env = gym_env.AvpEnv("t_junction", 8.0)
+            env.reset(seed=0)
+            states.append(env.step(np.array(action))[0]["speed"])
+        logs.append(states)
+    assert all((one == other).all() for one, other in logs)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"sed": 3}, "unknown option 'sed'; known: seed, trial"),
+        ({"seed": -1}, "seed: expected a whole number"),
+        ({"trial": 1.5}, "trial: expected a whole number"),
+        ({"trial": True}, "trial: expected a whole number"),
+    ],
+)
+def test_a_misspelt_or_absurd_option_is_named(options, message):
+    with pytest.raises(ConfigError, match=message):
+        gym_env.AvpEnv("t_junction", 8.0).reset(options=options)

@@ -103,3 +103,8 @@ def test_a_wrong_entry_is_refused_when_it_is_built(entry, message):
 def test_a_wrong_name_to_disable_is_refused():
     with pytest.raises(ConfigError, match=r"DISABLE_AUG_LIST: unknown name 'flip'"):
         augmentor(FLIP, disabled=["flip"])
+
+
+def test_a_key_of_another_augmentation_is_not_left_out_in_silence():
+    with pytest.raises(ConfigError, match=r"random_world_flip: unknown key 'NOISE_STD'; known: ALONG_AXIS_LIST, PROB"):
+        augmentor(FLIP | {"NOISE_STD": 0.1})

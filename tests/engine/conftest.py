@@ -33,11 +33,11 @@ def _free_port():
         return probe.getsockname()[1]
 
 
-def _in_two_processes(work, *arguments):
+def _in_two_processes(work, *arguments, launcher="pytorch"):
     """Run ``work(ranks, *arguments)`` as torchrun would, in forks; what each rank returned."""
     context, port = multiprocessing.get_context("fork"), _free_port()
     queue = context.SimpleQueue()
-    processes = [context.Process(target=_rank, args=(work, r, port, queue, arguments)) for r in range(2)]
+    processes = [context.Process(target=_rank, args=(work, r, port, queue, arguments, launcher)) for r in range(2)]
     for process in processes:
         process.start()
     results = dict(queue.get() for _ in processes)
@@ -47,11 +47,11 @@ def _in_two_processes(work, *arguments):
     return [results[0], results[1]]
 
 
-def _rank(work, rank, port, queue, arguments):
+def _rank(work, rank, port, queue, arguments, launcher):
     torch.set_num_threads(1)
     place = {"RANK": rank, "LOCAL_RANK": rank, "WORLD_SIZE": 2, "MASTER_ADDR": "127.0.0.1", "MASTER_PORT": port}
     os.environ.update({key: str(value) for key, value in place.items()})
-    ranks = distributed.start("pytorch", "cpu")
+    ranks = distributed.start(launcher, "cpu")
     queue.put((rank, work(ranks, *arguments)))
     distributed.stop()
     sys.exit(0)

@@ -81,16 +81,54 @@ def test_an_empty_folder_holds_none(tmp_path):
     assert checkpoint.load_newest(tmp_path) is None
 
 
-def test_the_oldest_epochs_go_the_newest_state_stays(tmp_path):
-    for epoch in range(1, 6):
-        _save(tmp_path, f"checkpoint_epoch_{epoch}.pth", epoch, 100 * epoch)
-    _save(tmp_path, "latest_model.pth", 0, 50)
+def test_a_copy_without_times_goes_on_from_the_furthest(tmp_path):
+    """cp -r gives all files the time of the copy, in any order."""
+    for name, it, mtime in (("1", 10, 300), ("10", 100, 100), ("9", 90, 200)):
+        _save(tmp_path, f"checkpoint_epoch_{name}.pth", it, mtime)
+    _save(tmp_path, "latest_model.pth", 95, 400)
+    names = [path.name for path in checkpoint.furthest_first(tmp_path)]
+    assert names == ["checkpoint_epoch_10.pth", "latest_model.pth", "checkpoint_epoch_9.pth", "checkpoint_epoch_1.pth"]
+    assert checkpoint.load_newest(tmp_path)[1]["it"] == 100
+
+
+def test_an_old_file_that_was_touched_or_is_damaged_does_not_lead_back(tmp_path):
+    _cut(_save(tmp_path, "checkpoint_epoch_1.pth", 10, 900), 0.5)
+    _save(tmp_path, "checkpoint_epoch_2.pth", 20, 800)
+    _save(tmp_path, "checkpoint_epoch_3.pth", 30, 100)
+    assert checkpoint.furthest_first(tmp_path)[0].name == "checkpoint_epoch_3.pth"
+    assert checkpoint.load_newest(tmp_path)[1]["it"] == 30
+
+
+def test_weights_alone_among_the_checkpoints_are_no_progress(tmp_path):
+    checkpoint.save(tmp_path / "weights.pth", {"model_state": CONTENT["model_state"]})
+    _save(tmp_path, "checkpoint_epoch_1.pth", 10, 100)
+    assert checkpoint.load_newest(tmp_path)[1]["it"] == 10
+
+
+def test_a_file_in_the_format_before_archives_counts_too(tmp_path):
+    torch.save(CONTENT | {"it": 50}, tmp_path / "old.pth", _use_new_zipfile_serialization=False)
+    _save(tmp_path, "checkpoint_epoch_1.pth", 10, 100)
+    assert checkpoint.load_newest(tmp_path)[1]["it"] == 50
+
+
+def _epochs(folder, count):
+    for epoch in range(1, count + 1):
+        _save(folder, f"checkpoint_epoch_{epoch}.pth", epoch, 1000 - epoch)  # the last one seems the oldest
+    _save(folder, "latest_model.pth", 0, 50)
+    _save(folder, "best.pth", 1, 10)
+
+
+def test_the_first_epochs_go_the_newest_state_and_the_users_files_stay(tmp_path):
+    _epochs(tmp_path, 11)
     checkpoint.drop_oldest(tmp_path, keep=2)
-    assert {p.name for p in tmp_path.iterdir()} == {
-        "checkpoint_epoch_4.pth",
-        "checkpoint_epoch_5.pth",
-        "latest_model.pth",
-    }
+    kept = {"checkpoint_epoch_10.pth", "checkpoint_epoch_11.pth", "latest_model.pth", "best.pth"}
+    assert {p.name for p in tmp_path.iterdir()} == kept
+
+
+def test_keeping_none_in_number_keeps_all(tmp_path):
+    _epochs(tmp_path, 3)
+    checkpoint.drop_oldest(tmp_path, keep=0)
+    assert len(list(tmp_path.iterdir())) == 5
 
 
 def test_weights_of_another_network_are_refused_by_the_first_difference():

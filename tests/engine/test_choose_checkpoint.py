@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from pcdet_avp.engine.checkpoint import save
 from pcdet_avp.engine.outputs import choose_checkpoint
 from pcdet_avp.errors import CheckpointError, ConfigError
 
@@ -45,14 +46,21 @@ def test_they_serve_no_other_configuration_not_even_one_of_the_same_name(choose,
         choose(cfg=cfg)
 
 
-def test_a_run_of_ones_own_comes_first_by_its_newest(choose, tmp_path):
-    (tmp_path / "ckpt").mkdir()
-    for age_s, name in ((20, "checkpoint_epoch_2.pth"), (10, "checkpoint_epoch_1.pth")):
-        (tmp_path / "ckpt" / name).touch()
+def test_a_run_of_ones_own_comes_first_by_what_was_trained_longest(choose, tmp_path):
+    """Whatever the files' times say."""
+    for age_s, it, name in ((20, 40, "checkpoint_epoch_2.pth"), (10, 20, "checkpoint_epoch_1.pth")):
+        save(tmp_path / "ckpt" / name, {"model_state": {}, "it": it})
         os.utime(tmp_path / "ckpt" / name, (1e9 - age_s, 1e9 - age_s))
     path, (said,) = choose()
-    assert path == Path("ckpt", "checkpoint_epoch_1.pth")
-    assert "newest checkpoint of this run" in said
+    assert path == Path("ckpt", "checkpoint_epoch_2.pth")
+    assert "checkpoint of this run that was trained longest" in said
+
+
+def test_a_run_whose_checkpoints_are_all_damaged_is_not_passed_over(choose, tmp_path):
+    (tmp_path / "ckpt").mkdir()
+    (tmp_path / "ckpt" / "checkpoint_epoch_1.pth").write_bytes(b"cut")
+    with pytest.raises(CheckpointError, match=r"no checkpoint can be read; .*checkpoint_epoch_1\.pth: truncated"):
+        choose()
 
 
 def test_what_is_nowhere_names_both_places(choose, tmp_path):

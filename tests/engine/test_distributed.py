@@ -73,3 +73,52 @@ def test_a_launcher_needs_its_environment(monkeypatch):
         distributed.start("pytorch")
     with pytest.raises(ConfigError, match="unknown 'slurm'; known: none, pytorch"):
         distributed.start("slurm")
+
+
+@pytest.fixture
+def launched(monkeypatch):
+    """``launched(**variables)``: an environment with these variables of launchers and no others."""
+
+    def set_variables(**variables):
+        for name in ("WORLD_SIZE", "RANK", "LOCAL_RANK", *distributed.FOREIGN_LAUNCHERS):
+            monkeypatch.delenv(name, raising=False)
+        for name, value in variables.items():
+            monkeypatch.setenv(name, value)
+
+    return set_variables
+
+
+def _world(ranks):
+    return ranks.world, ranks.rank
+
+
+def test_what_torchrun_started_is_found_out_without_a_flag(in_two_processes):
+    """``in_two_processes`` passes no launcher here; before, two trainings of their own raced in one folder."""
+    assert in_two_processes(_world, launcher=None) == [(2, 0), (2, 1)]
+
+
+def test_several_processes_of_a_tool_for_one_are_refused(launched):
+    launched(WORLD_SIZE="2", RANK="0", LOCAL_RANK="0")
+    for how in ({"alone": True}, {"launcher": "none"}):
+        with pytest.raises(ConfigError, match="WORLD_SIZE 2 in the environment: expected one process"):
+            distributed.start(**how)
+
+
+@pytest.mark.parametrize("name", distributed.FOREIGN_LAUNCHERS)
+def test_processes_that_cannot_find_each_other_are_refused(launched, name):
+    launched(**{name: "4"})
+    with pytest.raises(ConfigError, match=rf"started 4 processes \({name}\)"):
+        distributed.start(device="cpu")
+    launched(**{name: "1"})
+    assert distributed.start(device="cpu").world == 1
+
+
+def test_one_process_of_a_launcher_is_one_process(launched):
+    launched(WORLD_SIZE="1", RANK="0", LOCAL_RANK="0")
+    assert distributed.start(device="cpu", alone=True).world == 1
+
+
+def test_a_world_without_a_rank_is_named(launched):
+    launched(WORLD_SIZE="2")
+    with pytest.raises(ConfigError, match="RANK is missing"):
+        distributed.start(device="cpu")

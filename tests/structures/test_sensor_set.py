@@ -12,6 +12,7 @@ from pcdet_avp.structures.sensor_set import (
     SOURCES,
     SensorSet,
     agent_of,
+    combos_with,
     modality_of,
 )
 
@@ -53,3 +54,19 @@ def test_a_set_outside_the_paper_has_no_short_name():
             with pytest.raises(SensorError, match="none of the combinations"):
                 _ = sensors.name
     assert named == 6
+
+
+@pytest.mark.parametrize(
+    ("sources", "combos"),
+    [
+        (SOURCES, list(SENSOR_SETS)),
+        (("ego_lidar", "infra_lidar"), ["CL+none", "CL+CL"]),
+        (("ego_camera", "infra_camera"), ["C+none", "C+C"]),
+        (("ego_camera", "ego_lidar"), ["C+none", "CL+none"]),
+        (("ego_lidar",), ["CL+none"]),
+        (("ego_camera", "infra_lidar"), ["C+none", "C+CL"]),
+        (("infra_camera", "infra_lidar"), []),
+    ],
+)
+def test_recordings_show_the_combinations_that_their_sensors_make_each_once(sources, combos):
+    assert combos_with(sources) == combos

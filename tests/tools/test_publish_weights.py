@@ -5,7 +5,7 @@ import sys
 import pytest
 import torch
 
-from pcdet_avp.engine.checkpoint import newest_first, save, weights_hash
+from pcdet_avp.engine.checkpoint import furthest_first, save, weights_hash
 from pcdet_avp.errors import CheckpointError
 from pcdet_avp.models.weights.checkpoint_file import THRESHOLDS_KEY, read_checkpoint
 
@@ -16,7 +16,7 @@ def publish(load_tool, monkeypatch, ckpt, out):
 
 
 def test_weights_and_thresholds_stay_the_optimiser_and_the_path_go(load_tool, monkeypatch, trained, tmp_path):
-    ckpt = newest_first(trained / "ckpt")[0]
+    ckpt = furthest_first(trained / "ckpt")[0]
     content = read_checkpoint(ckpt) | {THRESHOLDS_KEY: {"Car": 0.4, "Pedestrian": 0.3}}
     save(tmp_path / "full.pth", content)
     publish(load_tool, monkeypatch, tmp_path / "full.pth", tmp_path / "out.pth")

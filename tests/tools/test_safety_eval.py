@@ -33,7 +33,7 @@ def test_blind_crashes_in_every_episode_and_the_files_say_where_they_come_from(t
 @pytest.mark.parametrize(
     ("wrong", "named"),
     [
-        (("--speeds", "0"), "more than 0"),
+        (("--speeds", "0"), "--speeds: expected a number above 0"),
         (("--scenario", "crosswalk"), "crosswalk"),
         (("--combos", "C+X"), "C+X"),
         (("--perception", "radar"), "radar"),

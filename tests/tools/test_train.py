@@ -11,7 +11,7 @@ import pytest
 import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from pcdet_avp.errors import CheckpointError, ConfigError
+from pcdet_avp.errors import CheckpointError, ConfigError, SensorError
 from pcdet_avp.models.weights.checkpoint_file import read_checkpoint
 
 REPOSITORY = Path(__file__).parents[2]
@@ -208,3 +208,67 @@ def test_a_killed_depth_training_goes_on_and_its_table_can_be_asked_for_again(
     own = json.loads((run / "eval" / "checkpoint_epoch_2" / "val" / "depth.json").read_text())["rows"]
     assert json.loads((tmp_path / "own.json").read_text())["rows"] == own
     assert json.loads((tmp_path / "whole_network.json").read_text())["rows"] != own
+
+
+def test_a_finished_checkpoint_under_a_new_tag_gives_the_table_of_that_checkpoint(call, trained, tmp_path):
+    ckpt = trained / "ckpt" / LAST
+    call(tmp_path, "train", "--epochs", 2, "--extra_tag", "again", "--ckpt", ckpt)
+    run = tmp_path / "output" / "avp" / "cp_tiny" / "again"
+    tables = [json.loads((r / "eval" / Path(LAST).stem / "test" / "result.json").read_text()) for r in (run, trained)]
+    assert tables[0]["meta"]["weights_hash"] == tables[1]["meta"]["weights_hash"]
+    assert tables[0]["rows"] == tables[1]["rows"]
+
+
+def test_a_copy_without_times_is_not_trained_again(workplace, call, trained):
+    folder, run = workplace
+    for age_s, name in ((0, "checkpoint_epoch_1.pth"), (500, LAST)):
+        os.utime(run / "ckpt" / name, (1e9 - age_s, 1e9 - age_s))
+    call(folder, "train", "--epochs", 2, "--no_eval")
+    assert "training is complete at iteration 4" in _log(run)
+    assert read_checkpoint(run / "ckpt" / LAST)["it"] == 4
+
+
+def test_classes_in_another_order_are_refused_and_may_be_insisted_on(call, trained, tmp_path):
+    ckpt, swapped = trained / "ckpt" / LAST, ["CLASS_NAMES", "[Pedestrian, Car]"]
+    how = ("train", "--epochs", 1, "--no_eval", "--pretrained_model", ckpt)
+    with pytest.raises(CheckpointError, match=r"CLASS_NAMES is \['Car', 'Pedestrian'\] .*--ignore_config CLASS_NAMES$"):
+        call(tmp_path, *how, overrides=swapped)
+    call(tmp_path, *how, "--ignore_config", "CLASS_NAMES", overrides=swapped)
+    assert "used although CLASS_NAMES is" in _log(tmp_path / "output" / "avp" / "cp_tiny" / "default")
+
+
+def test_a_misspelt_folder_beside_a_data_set_is_not_filled(call, tiny_data, tmp_path):
+    misspelt = tiny_data.with_name(tiny_data.name[:-1])
+    with pytest.raises(ConfigError, match=rf"no data set there, but there is {tiny_data}; .*create_data\.py --out"):
+        call(tmp_path, "train", data=misspelt)
+    assert not misspelt.exists()
+
+
+def test_a_tilde_in_the_data_path_is_the_home_folder(call, tiny_data, tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tiny_data.parent))
+    call(tmp_path, "train", "--epochs", 1, "--no_eval", data=f"~/{tiny_data.name}")
+    assert not (tmp_path / "~").exists()
+
+
+def test_recordings_without_cameras_train_and_are_tested_with_what_they_have(call, tiny_data, tmp_path):
+    data = tmp_path / "lidar_only"
+    shutil.copytree(tiny_data, data)
+    for file in data.glob("scenes/*/*/frame.json"):
+        frame = json.loads(file.read_text())
+        frame["ego"]["camera"] = frame["infra"]["camera"] = None
+        file.write_text(json.dumps(frame))
+    call(tmp_path, "train", "--epochs", 1, data=data)
+    run = tmp_path / "output" / "avp" / "cp_tiny" / "default"
+    result = json.loads((run / "eval" / "checkpoint_epoch_1" / "test" / "result.json").read_text())
+    assert {row["combo"] for row in result["rows"]} == {"CL+none", "CL+CL"}
+    assert "sensor combinations CL+none, CL+CL only" in _log(run)
+    ckpt = run / "ckpt" / "checkpoint_epoch_1.pth"
+    with pytest.raises(SensorError, match=r"--combos: C\+none: recorded are ego_lidar, infra_lidar only"):
+        call(tmp_path, "test", "--ckpt", ckpt, "--combos", "C+none", data=data)
+
+
+@pytest.mark.parametrize("flag", ["--ckpt_save_interval", "--logger_iter_interval", "--picture_interval", "--epochs"])
+def test_a_zero_that_would_divide_is_refused_before_anything_starts(call, tmp_path, flag):
+    with pytest.raises(ConfigError, match=rf"argument {flag}: expected 1 or more, found '0'"):
+        call(tmp_path, "train", flag, 0)
+    assert not list(tmp_path.iterdir())

@@ -54,8 +54,8 @@ class LinkOptions:
         if self.link not in LINKS:
             raise ConfigError(f"--link: expected {' or '.join(LINKS)}, found {self.link!r}")
         for name in (*ANY_LINK, "sensing_ms", "computing_ms", "fuse_after_ms"):
-            if getattr(self, name) is not None and not getattr(self, name) >= 0:
-                raise ConfigError(f"--{name}: expected 0 or more, found {getattr(self, name)}")
+            if (value := getattr(self, name)) is not None and not 0 <= value < float("inf"):
+                raise ConfigError(f"--{name}: expected 0 or more, found {value}")
         self.nr_v2x()
 
     @classmethod

@@ -16,7 +16,7 @@ import torch
 from torch import nn
 
 from pcdet_avp import shipped
-from pcdet_avp.config import apply_overrides, load_config
+from pcdet_avp.config import apply_overrides, ignoring, load_config
 from pcdet_avp.datasets.avp.collate import collate, load_batch
 from pcdet_avp.datasets.avp.network_input import NetworkInput
 from pcdet_avp.datasets.avp.prepare import prepare
@@ -81,25 +81,38 @@ def untrained(cfg: Mapping, seed: int = 0) -> DrivingNetwork:
 
 
 def load(
-    cfg_file: str | None, overrides: Sequence[str], ckpt: str | None, sha256: str | None = None, amp: bool = False
+    cfg_file: str | None,
+    overrides: Sequence[str],
+    ckpt: str | None,
+    sha256: str | None = None,
+    amp: bool = False,
+    ignore_config: Sequence[str] = (),
 ) -> DrivingNetwork:
     """The network of a configuration with the weights of a checkpoint; a process reads them once.
 
-    ``sha256`` is what the file must hash to: nobody must drive with other weights because training went on.
+    ``ignore_config``: keys in which they may differ (see ``models.weights.agreement``). ``sha256`` is what the
+    file must hash to: nobody must drive with other weights because training went on.
     """
     if cfg_file is None or ckpt is None:
         missing = "--cfg FILE" if cfg_file is None else "--ckpt FILE"
         raise ConfigError(f"--perception model needs a configuration and trained weights: give {missing}")
     file = shipped.find_checkpoint(ckpt)
-    return _load(str(cfg_file), tuple(overrides), str(file), file.stat().st_mtime_ns, sha256, amp)
+    written_ns, ignored = file.stat().st_mtime_ns, tuple(ignore_config)
+    return _load(str(cfg_file), tuple(overrides), str(file), written_ns, sha256, amp, ignored)
 
 
 @lru_cache(maxsize=1)
 def _load(
-    cfg_file: str, overrides: tuple[str, ...], ckpt: str, _written_ns: int, sha256: str | None, amp: bool
+    cfg_file: str,
+    overrides: tuple[str, ...],
+    ckpt: str,
+    _written_ns: int,
+    sha256: str | None,
+    amp: bool,
+    ignored: tuple[str, ...],
 ) -> DrivingNetwork:
     """``_written_ns`` makes a file that was written anew be read anew."""
-    cfg, content = apply_overrides(load_config(cfg_file), list(overrides)), read_checkpoint(ckpt)
+    cfg, content = ignoring(apply_overrides(load_config(cfg_file), list(overrides)), ignored), read_checkpoint(ckpt)
     if sha256 is not None and hashlib.sha256(Path(ckpt).read_bytes()).hexdigest() != sha256:
         raise CheckpointError(f"{ckpt}: was written anew meanwhile; give a checkpoint that stays as it is")
     driving = untrained(cfg)

@@ -36,7 +36,12 @@ def build_network_perceiver(settings: PerceiverSettings) -> NetworkPerceiver:
     """What ``--perception model`` names. With one torch thread: episodes run side by side."""
     options = LinkOptions.of(settings.link, settings.options)
     driving = driving_network.load(
-        settings.cfg_file, settings.overrides, settings.ckpt, settings.ckpt_sha256, settings.use_amp
+        settings.cfg_file,
+        settings.overrides,
+        settings.ckpt,
+        settings.ckpt_sha256,
+        settings.use_amp,
+        settings.ignore_config,
     )
     torch.set_num_threads(1)
     keep_freed_memory()

@@ -65,7 +65,8 @@ class PerceiverSettings:
 
     ``data_cfg`` is DATA_CONFIG as a plain dict (``SENSORS``, ``POINT_CLOUD_RANGE``, ``VOXEL_SIZE``). The rest is read
     by ``model`` alone: the configuration file and its ``--set`` overrides, the checkpoint, the SHA-256 of its file
-    (None: any), whether it computes in bf16, and the link with its options (see ``link_options``).
+    (None: any), keys in which it may differ from the configuration, whether it computes in bf16, and the link with
+    its options (see ``link_options``).
     """
 
     data_cfg: Mapping[str, Any]
@@ -73,6 +74,7 @@ class PerceiverSettings:
     overrides: tuple[str, ...] = ()
     ckpt: str | None = None
     ckpt_sha256: str | None = None
+    ignore_config: tuple[str, ...] = ()
     use_amp: bool = False
     link: str = "ideal"
     options: Mapping[str, Any] = field(default_factory=dict)

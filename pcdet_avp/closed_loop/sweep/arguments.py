@@ -12,7 +12,8 @@ from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
 from pcdet_avp.closed_loop.perception.factory import PerceptionKind, find_perception
 from pcdet_avp.closed_loop.perception.link_options import LinkOptions, given_link_options
 from pcdet_avp.closed_loop.sweep.sweep import Sweep
-from pcdet_avp.config import apply_overrides, config_hash, load_config, plain, require
+from pcdet_avp.config import apply_overrides, config_hash, ignoring, load_config, plain, require
+from pcdet_avp.config_check import check_values
 from pcdet_avp.engine.outputs import RunFolder, choose_checkpoint
 from pcdet_avp.errors import CheckpointError, ConfigError
 from pcdet_avp.provenance import provenance
@@ -26,16 +27,18 @@ SENSING_KEYS = ("SENSORS", "POINT_CLOUD_RANGE", "VOXEL_SIZE")  # all that percei
 def sweep_of(args: argparse.Namespace, loop_file: Path) -> Sweep:
     """The sweep that the arguments of ``tools/safety_eval.py`` ask for."""
     loop_overrides, overrides = split_overrides(args.overrides)
-    cfg = apply_overrides(load_config(args.cfg), list(overrides))
+    cfg = ignoring(apply_overrides(load_config(args.cfg), list(overrides)), args.ignore_config)
+    check_values(cfg)
     closed_loop = plain(apply_overrides(load_config(loop_file), loop_overrides))
     EpisodeSettings.from_config(closed_loop)  # raises where a key or a value is wrong
     perceiver = {"data_cfg": {key: plain(require(cfg, f"DATA_CONFIG.{key}")) for key in SENSING_KEYS}}
     scenario, perception = find_scenario(args.scenario), find_perception(args.perception)
     if perception.uses_network:
         perceiver |= _network(args, overrides)
-    elif args.ckpt or args.use_amp or args.link != "ideal" or given_link_options(args):
+    elif args.ckpt or args.use_amp or args.ignore_config or args.link != "ideal" or given_link_options(args):
         raise ConfigError(
-            f"--ckpt, --use_amp, --link and its options belong to --perception model, found {perception.name}"
+            "--ckpt, --use_amp, --ignore_config, --link and its options belong to --perception model, "
+            f"found {perception.name}"
         )
     return Sweep(
         scenario=scenario.name,
@@ -58,7 +61,7 @@ def _network(args: argparse.Namespace, overrides: tuple[str, ...]) -> dict[str, 
     ckpt = choose_checkpoint(args.ckpt, args.cfg, RunFolder.of(args.cfg).checkpoints, print).absolute()
     # Absolute: a worker elsewhere must not take another file of the same name for it.
     files = {"cfg_file": str(shipped.find_config(args.cfg)), "overrides": overrides}
-    files |= {"ckpt": str(ckpt), "ckpt_sha256": file_hash(ckpt)}
+    files |= {"ckpt": str(ckpt), "ckpt_sha256": file_hash(ckpt), "ignore_config": tuple(args.ignore_config)}
     return {**files, "use_amp": args.use_amp, "link": args.link, "options": options}
 
 

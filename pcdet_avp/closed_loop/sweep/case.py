@@ -64,4 +64,5 @@ def _perceiver(kind: PerceptionKind, settings: str) -> Perceiver:
 
 
 def perceiver_settings(values: Mapping[str, Any]) -> PerceiverSettings:
-    return PerceiverSettings(**{**values, "overrides": tuple(values.get("overrides", ()))})
+    lists = {key: tuple(values.get(key, ())) for key in ("overrides", "ignore_config")}
+    return PerceiverSettings(**{**values, **lists})

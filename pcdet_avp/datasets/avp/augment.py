@@ -1,13 +1,16 @@
 """Augmentation of a ``Frame`` before it is prepared, configured like OpenPCDet's DATA_AUGMENTOR.
 
 Every draw comes from the generator handed in, and every entry draws the same numbers whatever sensors are
-present, so that one sensor's absence does not change the others' augmentation.
+present, so that one sensor's absence does not change the others' augmentation. Steps are module-level functions, so
+that worker processes can be started by any method.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import cv2
 import numpy as np
@@ -48,6 +51,9 @@ def _build(entry: Mapping) -> Augmentation:
     name = require(entry, "NAME", str)
     if name not in AUGMENTATIONS:
         raise ConfigError(f"AUG_CONFIG_LIST: unknown name {name!r}; known: {', '.join(AUGMENTATIONS)}")
+    unknown = [key for key in entry if key not in ("NAME", *KEYS[name])]
+    if unknown:
+        raise ConfigError(f"AUG_CONFIG_LIST: {name}: unknown key {unknown[0]!r}; known: {', '.join(KEYS[name])}")
     return AUGMENTATIONS[name](entry)
 
 
@@ -57,7 +63,13 @@ def _flip(entry: Mapping) -> Augmentation:
     if list(axes) != ["x"]:
         raise ConfigError(f"random_world_flip.ALONG_AXIS_LIST: expected ['x'], found {list(axes)}")
     probability = float(entry.get("PROBABILITY", 0.5))
-    return lambda frame, rng: transforms.flip(frame) if rng.random() < probability else frame
+    if not 0 <= probability <= 1:
+        raise ConfigError(f"random_world_flip.PROBABILITY: expected 0 to 1, found {probability}")
+    return partial(flip_sometimes, probability=probability)
+
+
+def flip_sometimes(frame: Frame, rng: np.random.Generator, probability: float) -> Frame:
+    return transforms.flip(frame) if rng.random() < probability else frame
 
 
 def _rotation(entry: Mapping) -> Augmentation:
@@ -66,13 +78,13 @@ def _rotation(entry: Mapping) -> Augmentation:
     agents = list(entry.get("AGENTS", ["ego"]))
     if not set(agents) <= {"ego", "infra"}:
         raise ConfigError(f"random_world_rotation.AGENTS: expected some of ego, infra, found {agents}")
+    return partial(rotate_agents, agents=agents, low=low, high=high)
 
-    def rotate(frame: Frame, rng: np.random.Generator) -> Frame:
-        for agent in agents:
-            frame = transforms.rotate_agent(frame, agent, rng.uniform(low, high))
-        return frame
 
-    return rotate
+def rotate_agents(frame: Frame, rng: np.random.Generator, agents: list[str], low: float, high: float) -> Frame:
+    for agent in agents:
+        frame = transforms.rotate_agent(frame, agent, rng.uniform(low, high))
+    return frame
 
 
 def _scaling(entry: Mapping) -> Augmentation:
@@ -80,22 +92,32 @@ def _scaling(entry: Mapping) -> Augmentation:
     low, high = _interval(entry, "WORLD_SCALE_RANGE")
     if low <= 0:
         raise ConfigError(f"random_world_scaling.WORLD_SCALE_RANGE: must be positive, found {[low, high]}")
-    return lambda frame, rng: transforms.scale(frame, rng.uniform(low, high))
+    return partial(scale_evenly, low=low, high=high)
+
+
+def scale_evenly(frame: Frame, rng: np.random.Generator, low: float, high: float) -> Frame:
+    return transforms.scale(frame, rng.uniform(low, high))
 
 
 def _photometric(entry: Mapping) -> Augmentation:
     """BRIGHTNESS b: an offset in [-b, b] of full scale; CONTRAST [low, high]; NOISE_STD of full scale."""
     brightness, noise_std = float(entry.get("BRIGHTNESS", 0.0)), float(entry.get("NOISE_STD", 0.0))
     contrast = _interval(entry, "CONTRAST") if "CONTRAST" in entry else (1.0, 1.0)
+    return partial(jitter_both, brightness=brightness, contrast=contrast, noise_std=noise_std)
 
-    def jitter(view: AgentView, rng: np.random.Generator) -> AgentView:
-        offset, gain = rng.uniform(-brightness, brightness), rng.uniform(*contrast)
-        noise_rng = rng.spawn(1)[0]
-        return (
-            view if view.image is None else replace(view, image=_expose(view.image, gain, offset, noise_std, noise_rng))
-        )
 
-    return lambda frame, rng: replace(frame, ego=jitter(frame.ego, rng), infra=jitter(frame.infra, rng))
+def jitter_both(frame: Frame, rng: np.random.Generator, **ranges: Any) -> Frame:
+    return replace(frame, ego=jitter(frame.ego, rng, **ranges), infra=jitter(frame.infra, rng, **ranges))
+
+
+def jitter(
+    view: AgentView, rng: np.random.Generator, brightness: float, contrast: tuple[float, float], noise_std: float
+) -> AgentView:
+    offset, gain = rng.uniform(-brightness, brightness), rng.uniform(*contrast)
+    noise_rng = rng.spawn(1)[0]
+    if view.image is None:
+        return view
+    return replace(view, image=_expose(view.image, gain, offset, noise_std, noise_rng))
 
 
 def _expose(image: np.ndarray, gain: float, offset: float, noise_std: float, rng: np.random.Generator) -> np.ndarray:
@@ -111,7 +133,11 @@ def _expose(image: np.ndarray, gain: float, offset: float, noise_std: float, rng
 def _localisation(entry: Mapping) -> Augmentation:
     """POSITION_STD_M along x and y, YAW_STD_DEG, both normal."""
     position, yaw = float(entry.get("POSITION_STD_M", 0.0)), np.radians(float(entry.get("YAW_STD_DEG", 0.0)))
-    return lambda frame, rng: transforms.misplace_infra(frame, *(rng.standard_normal(3) * [position, position, yaw]))
+    return partial(misplace_normally, stds=(position, position, yaw))
+
+
+def misplace_normally(frame: Frame, rng: np.random.Generator, stds: tuple[float, float, float]) -> Frame:
+    return transforms.misplace_infra(frame, *(rng.standard_normal(3) * stds))
 
 
 def _interval(entry: Mapping, key: str) -> tuple[float, float]:
@@ -127,4 +153,11 @@ AUGMENTATIONS: dict[str, Callable[[Mapping], Augmentation]] = {
     "random_world_scaling": _scaling,
     "random_photometric": _photometric,
     "random_localisation_noise": _localisation,
+}
+KEYS = {
+    "random_world_flip": ("ALONG_AXIS_LIST", "PROBABILITY"),
+    "random_world_rotation": ("WORLD_ROT_ANGLE", "AGENTS"),
+    "random_world_scaling": ("WORLD_SCALE_RANGE",),
+    "random_photometric": ("BRIGHTNESS", "CONTRAST", "NOISE_STD"),
+    "random_localisation_noise": ("POSITION_STD_M", "YAW_STD_DEG"),
 }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +13,11 @@ import torch
 from pcdet_avp.config import require
 from pcdet_avp.datasets.avp.augment import Augmentor
 from pcdet_avp.datasets.avp.collate import collate
+from pcdet_avp.datasets.avp.made_by import check_made_by
 from pcdet_avp.datasets.avp.manifest import MANIFEST_FILE, read_manifest
 from pcdet_avp.datasets.avp.network_input import NetworkInput
 from pcdet_avp.datasets.avp.prepare import PrepareConfig, prepare
-from pcdet_avp.datasets.avp.record import read_frame
+from pcdet_avp.datasets.avp.record import read_frame, recorded_sources
 from pcdet_avp.errors import ConfigError, RecordError
 from pcdet_avp.evaluation import Detections, GroundTruth, Region, evaluate
 from pcdet_avp.evaluation.detections_file import write_texts
@@ -62,11 +64,16 @@ class AvpDataset(torch.utils.data.Dataset):
         self._epoch = torch.full((), UNSET_EPOCH, dtype=torch.int64).share_memory_()
         self._visits = torch.zeros(len(self.frame_ids), dtype=torch.int64).share_memory_()
 
+    def __getstate__(self) -> dict:
+        """For another process, whatever started it: everything but the log, which is this process's."""
+        return self.__dict__ | {"logger": None}
+
     def _find_frames(self) -> list[str]:
         manifest = read_manifest(self.root_path)
         file = self.root_path / MANIFEST_FILE
         if not manifest.complete:
             raise RecordError(f"{file}: complete: the data set is unfinished; make the rest with tools/create_data.py")
+        check_made_by(manifest, self.dataset_cfg, self.root_path)
         missing = [name for name in self.class_names if name not in manifest.class_names]
         if missing:
             raise RecordError(
@@ -99,6 +106,16 @@ class AvpDataset(torch.utils.data.Dataset):
         """The frame as recorded, with the data of the sensors in ``sensor_set``."""
         sources = [source for source in sensor_set.sources if source in self.sources]
         return read_frame(self.root_path, self.frame_ids[index], sources)
+
+    @cached_property
+    def recorded_sources(self) -> tuple[str, ...]:
+        """The sensors that any frame of the split has data of, in the order of ``SOURCES``."""
+        found: set[str] = set()
+        for frame_id in self.frame_ids:
+            found |= recorded_sources(self.root_path, frame_id)
+            if len(found) == len(SOURCES):
+                break
+        return tuple(source for source in SOURCES if source in found)
 
     def set_epoch(self, epoch: int) -> None:
         """Augmentation depends on (seed, epoch, index); until this is called, the epoch is a frame's visit count."""

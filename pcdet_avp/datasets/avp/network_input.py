@@ -16,6 +16,7 @@ from pcdet_avp.datasets.avp.prepare import PrepareConfig
 class NetworkInput:
     """The attributes that OpenPCDet's detectors read from a data set; ``build_network`` takes this in its place."""
 
+    dataset_cfg: Mapping  # DATA_CONFIG
     class_names: list[str]
     prepare_config: PrepareConfig
     point_cloud_range: np.ndarray  # (6,) float32 m: x, y, z minimum, then maximum
@@ -32,6 +33,7 @@ class NetworkInput:
         layers = round((grid.z_max_m - grid.z_min_m) / voxel_size[2])
         features = list(require(dataset_cfg, "POINT_FEATURE_ENCODING.used_feature_list", list))
         return cls(
+            dataset_cfg,
             list(class_names),
             config,
             np.array(grid.range, np.float32),

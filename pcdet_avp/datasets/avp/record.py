@@ -1,7 +1,15 @@
 """``Frame`` <-> disk: the functions that other packages use. No torch here."""
 
 from pcdet_avp.datasets.avp.layout import SCHEMA_VERSION, clean_leftovers, frame_dir, has_frame
-from pcdet_avp.datasets.avp.record_reader import read_frame
+from pcdet_avp.datasets.avp.record_reader import read_frame, recorded_sources
 from pcdet_avp.datasets.avp.record_writer import write_frame
 
-__all__ = ["SCHEMA_VERSION", "clean_leftovers", "frame_dir", "has_frame", "read_frame", "write_frame"]
+__all__ = [
+    "SCHEMA_VERSION",
+    "clean_leftovers",
+    "frame_dir",
+    "has_frame",
+    "read_frame",
+    "recorded_sources",
+    "write_frame",
+]

@@ -39,6 +39,17 @@ def read_frame(root: str | Path, frame_id: str, sources: Collection[str] = SOURC
     return Frame(frame_id, top["time_s"].number(), ego, infra, read_labels(top))
 
 
+def recorded_sources(root: str | Path, frame_id: str) -> set[str]:
+    """The sensors whose data a frame has."""
+    top = Field.load(frame_dir(root, frame_id) / FRAME_FILE)
+    found = set()
+    for agent in ("ego", "infra"):
+        camera, lidar = top[agent]["camera"], top[agent]["lidar"]
+        found |= {f"{agent}_camera"} if camera and camera.get("image") else set()
+        found |= {f"{agent}_lidar"} if lidar else set()
+    return found
+
+
 def read_labels(top: Field) -> Labels:
     """The ground truth of a frame, from its parsed JSON."""
     rows = list(top["labels"])

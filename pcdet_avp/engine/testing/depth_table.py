@@ -115,7 +115,7 @@ def _load(cfg: Mapping, path: Path, dataset: Any, ranks: Ranks) -> tuple[nn.Modu
     content = read_checkpoint(path)
     model = build_network(cfg.MODEL, len(cfg.CLASS_NAMES), dataset).to(ranks.device)
     own = {key: value for key, value in content["model_state"].items() if key in model.state_dict()}
-    checkpoint.load_model(model, {"model_state": own}, path)
+    checkpoint.load_model(model, {**content, "model_state": own}, path)
     return model, content
 
 

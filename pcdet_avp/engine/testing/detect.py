@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ from pcdet_avp.errors import SensorError
 from pcdet_avp.evaluation import Detections, evaluate, score_thresholds
 from pcdet_avp.evaluation.benchmark_table import benchmark_rows
 from pcdet_avp.models.compression.wire import Wire
-from pcdet_avp.structures.sensor_set import SENSOR_SETS, SensorSet
+from pcdet_avp.structures.sensor_set import SENSOR_SETS, SOURCES, SensorSet, combos_with
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,26 @@ def parse_combos(text: str) -> list[str]:
     for name in wanted:
         SensorSet.parse(name)
     return [name for name in SENSOR_SETS if name in wanted]
+
+
+def existing_combos(dataset: Any, wanted: Sequence[str] | None, asked_by: str, logger: logging.Logger) -> list[str]:
+    """Those of ``wanted`` that the data set can show; None or all six: whatever it can, and the log says what not.
+
+    SensorError where one that was asked for by name needs sensors that no frame has.
+    """
+    sources = getattr(dataset, "recorded_sources", SOURCES)
+    there = combos_with(sources)
+    if wanted is None or set(wanted) == set(SENSOR_SETS):
+        missing = [name for name in SENSOR_SETS if name not in there]
+        if missing:
+            logger.info(f"recorded are {', '.join(sources)}: sensor combinations {', '.join(there)} only")
+        return there
+    for name in wanted:
+        if name not in there:
+            raise SensorError(
+                f"{asked_by}: {name}: recorded are {', '.join(sources)} only; expected some of {', '.join(there)}"
+            )
+    return list(wanted)
 
 
 def detect(

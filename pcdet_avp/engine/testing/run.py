@@ -13,7 +13,7 @@ from torch import nn
 from pcdet_avp.datasets import build_dataset, has_split
 from pcdet_avp.engine import checkpoint
 from pcdet_avp.engine.distributed import Ranks
-from pcdet_avp.engine.testing.detect import benchmark, detect, driving_thresholds
+from pcdet_avp.engine.testing.detect import benchmark, detect, driving_thresholds, existing_combos
 from pcdet_avp.engine.testing.roadside_gain import roadside_gains
 from pcdet_avp.evaluation.benchmark_table import render
 from pcdet_avp.evaluation.detections_file import write_detections, write_texts
@@ -23,7 +23,6 @@ from pcdet_avp.models import build_network
 from pcdet_avp.models.compression.wire import Wire
 from pcdet_avp.models.weights.checkpoint_file import THRESHOLDS_KEY, read_checkpoint
 from pcdet_avp.provenance import provenance
-from pcdet_avp.structures.sensor_set import SENSOR_SETS
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,7 @@ def load_network(
     """(network with the checkpoint's weights, the checkpoint's content)."""
     content = read_checkpoint(path)
     model = build_network(cfg.MODEL, len(cfg.CLASS_NAMES), dataset).to(ranks.device)
-    checkpoint.load_model(model, content, path)
+    checkpoint.load_model(model, content, path, logger)
     logger.info(f"{path}: iteration {content.get('it', '?')}")
     return model.eval(), content
 
@@ -88,6 +87,7 @@ def run_test(
     """Evaluate a checkpoint on a split; ``wire`` sends every roadside map through encoded bytes."""
     dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split=split, logger=logger)
     model, content = load_network(cfg, path, dataset, ranks, logger)
+    combos = existing_combos(dataset, combos, "--combos", logger)
     found = detect(model, dataset, combos, ranks, batch_size, workers, Wire(model.codec) if wire else None)
     rows, texts = benchmark(dataset, found, content.get(THRESHOLDS_KEY))
     seed = content.get("sampler", {}).get("seed")
@@ -121,7 +121,8 @@ def store_driving_thresholds(
         return {}
     dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split="val", logger=logger)
     model, _ = load_network(cfg, path, dataset, ranks, logger)
-    chosen = driving_thresholds(dataset, detect(model, dataset, list(SENSOR_SETS), ranks, batch_size, workers))
+    combos = existing_combos(dataset, None, "score thresholds", logger)
+    chosen = driving_thresholds(dataset, detect(model, dataset, combos, ranks, batch_size, workers))
     if ranks.is_first:
         checkpoint.save(path, content | {THRESHOLDS_KEY: chosen})
     ranks.wait()

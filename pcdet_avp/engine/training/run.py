@@ -18,6 +18,7 @@ from pcdet_avp.engine.distributed import Ranks
 from pcdet_avp.engine.loader import batches
 from pcdet_avp.engine.outputs import RunFolder
 from pcdet_avp.engine.seed import seed_torch
+from pcdet_avp.engine.testing.detect import existing_combos
 from pcdet_avp.engine.testing.pictures import detection_picture
 from pcdet_avp.engine.training.loop import CheckpointSaver, epoch_file, train
 from pcdet_avp.engine.training.monitor import Monitor
@@ -28,9 +29,11 @@ from pcdet_avp.engine.training.trainer import Trainer
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.models import build_network, detects_objects
 from pcdet_avp.models.precision import SLOW_BF16, emulates_bf16
+from pcdet_avp.models.weights.agreement import MEANING_KEY
 from pcdet_avp.models.weights.checkpoint_file import read_checkpoint
+from pcdet_avp.models.weights.meaning import meaning_of
 from pcdet_avp.provenance import versions
-from pcdet_avp.structures.sensor_set import SENSOR_SETS
+from pcdet_avp.structures.sensor_set import combos_with
 
 PICTURE_COMBOS = ("CL+none", "CL+CL")
 
@@ -71,12 +74,14 @@ def run_training(
     )
     if trainer.finished:
         logger.info(f"training is complete at iteration {trainer.iteration}")
-        return folder.checkpoints / epoch_file(trainer)
+        last = folder.checkpoints / epoch_file(trainer)
+        return last if ranks.from_first(last.exists()) else saver.save(trainer, last.name)
     monitor = _monitor(folder, trainer, options, logger)
     sampler = CombinationBatchSampler(trainer.plan, trainer.iteration, ranks.rank, ranks.world)
     budget = TimeBudget(options.max_minutes) if options.max_minutes else None
     try:
-        on_step = _picture_taker(cfg, trainer, monitor, options) if monitor and detects_objects(cfg.MODEL) else None
+        takes_pictures = monitor and detects_objects(cfg.MODEL)
+        on_step = _picture_taker(cfg, trainer, monitor, options) if takes_pictures else None
         train(trainer, batches(dataset, sampler, ranks, options.workers), saver, logger, monitor, budget, on_step)
     finally:
         if monitor:
@@ -99,7 +104,7 @@ def build_trainer(cfg: Mapping, dataset: Any, options: TrainOptions, ranks: Rank
         dataset.sources = model.sources  # what the network does not look at is not read either
     optim_cfg = require(cfg, "OPTIMIZATION", dict)
     batch_size = require(optim_cfg, "BATCH_SIZE_PER_GPU", int) * ranks.world
-    combos = tuple(optim_cfg.get("SENSOR_SETS") or SENSOR_SETS)
+    combos = tuple(existing_combos(dataset, optim_cfg.get("SENSOR_SETS"), "OPTIMIZATION.SENSOR_SETS", logger))
     plan = BatchPlan(len(dataset), batch_size, options.seed, combos)
     planned = require(optim_cfg, "NUM_EPOCHS", int) * plan.per_epoch
     use_amp = options.use_amp or bool(optim_cfg.get("USE_AMP"))
@@ -145,6 +150,7 @@ def about(cfg: Mapping, config_name: str) -> dict[str, Any]:
         "config_name": config_name,
         "config_hash": config_hash(cfg),
         "config": plain(cfg),
+        MEANING_KEY: meaning_of(cfg),
     }
 
 
@@ -159,11 +165,13 @@ def _picture_taker(cfg: Mapping, trainer: Trainer, monitor: Monitor, options: Tr
     """Every so often: what the network finds in a frame, without and with the roadside."""
     split = "val" if has_split(cfg.DATA_CONFIG, "val") else "train"
     dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split=split)
+    there = combos_with(dataset.recorded_sources)
+    combos = [name for name in PICTURE_COMBOS if name in there] or there[:1]
 
     def on_step(iteration: int) -> None:
         if iteration % options.picture_interval == 0:
             index = iteration // options.picture_interval % len(dataset)
-            picture = detection_picture(trainer.model, dataset, index, PICTURE_COMBOS, trainer.ranks.device)
+            picture = detection_picture(trainer.model, dataset, index, combos, trainer.ranks.device)
             monitor.picture("detections", picture, iteration)
 
     return on_step

@@ -18,7 +18,16 @@ from pcdet_avp.errors import CheckpointError
 # Keys that may change between two runs of one training: where things lie, how results are read, how long it takes.
 # A data set of another seed is one of new scenes: a long training may go through several, each as large as the first.
 FREE_PATHS = ("DATA_CONFIG.GENERATE.SEED",)
-FREE_KEYS = (*PATH_KEYS, "POST_PROCESSING", "NUM_EPOCHS", "USE_AMP", "SCENES", "FRAMES_PER_SCENE")
+FREE_KEYS = (
+    *PATH_KEYS,
+    "BATCH_SIZE_PER_GPU",
+    "IGNORE_CONFIG",
+    "POST_PROCESSING",
+    "NUM_EPOCHS",
+    "USE_AMP",
+    "SCENES",
+    "FRAMES_PER_SCENE",
+)
 NEEDED = ("it", "optimizer_state", "schedule", "sampler", "random_states")
 
 
@@ -42,7 +51,8 @@ def run_state(trainer: Trainer) -> dict[str, Any]:
 
 
 def restore_run(trainer: Trainer, content: Mapping[str, Any], path: str) -> None:
-    """Go on from a checkpoint's content. With the same number of ranks on a CPU that is exact to the bit."""
+    """Go on from a checkpoint's content. With the same number of ranks on a CPU that is exact to the bit, with another
+    number and the same batch over all ranks exact but for rounding."""
     missing = next((key for key in NEEDED if key not in content), None)
     if missing:
         raise CheckpointError(f"{path}: has no {missing!r}: weights, but no run to go on with; use --pretrained_model")
@@ -89,6 +99,7 @@ def _check_sampler(plan: BatchPlan, theirs: Mapping[str, Any], path: str) -> Non
         if theirs.get(key) != ours:
             raise CheckpointError(
                 f"{path}: that run's {key} is {theirs.get(key)}, this one's is {ours}; choose another --extra_tag"
+                + (f", or go on with --batch_size {theirs.get(key)}" if key == "batch_size" else "")
             )
 
 

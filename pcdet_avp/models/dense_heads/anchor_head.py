@@ -180,7 +180,15 @@ def per_anchor(x: Tensor, values: int) -> Tensor:
 
 def anchor_classes(model_cfg: Any, class_names: Sequence[str]) -> list[AnchorClass]:
     """The anchors of every class, in the order of ``class_names`` (the order of labels)."""
-    specs = {cfg["class_name"]: AnchorClass.from_config(cfg) for cfg in model_cfg["ANCHOR_GENERATOR_CONFIG"]}
+    entries = list(model_cfg["ANCHOR_GENERATOR_CONFIG"])
+    specs = {cfg["class_name"]: AnchorClass.from_config(cfg) for cfg in entries}
+    if len(specs) != len(entries):
+        names = [cfg["class_name"] for cfg in entries]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ConfigError(
+            f"DENSE_HEAD.ANCHOR_GENERATOR_CONFIG: two entries for {twice!r}; put all its sizes into one entry's "
+            "anchor_sizes, and its headings into anchor_rotations"
+        )
     if set(specs) != set(class_names):
         raise ConfigError(f"DENSE_HEAD: anchors for {sorted(specs)}, but the classes are {list(class_names)}")
     return [specs[name] for name in class_names]

@@ -15,6 +15,7 @@ from pcdet_avp.models.detectors.loadable import LoadableDetector
 from pcdet_avp.models.detectors.map_dropout import drop_roadside_maps, drop_segments
 from pcdet_avp.models.detectors.post_processing import PostProcessing
 from pcdet_avp.models.recompute import recomputed
+from pcdet_avp.models.weights.agreement import NetworkMeaning
 from pcdet_avp.registry import DETECTORS
 from pcdet_avp.structures.sensor_set import EGO_SOURCES, INFRA_SOURCES, SOURCES, modality_of
 
@@ -47,6 +48,7 @@ class AvpCp(LoadableDetector):
             self.add_module(name, module)
         self.post_processing = PostProcessing(model_cfg["POST_PROCESSING"], dataset.class_names)
         self.add_global_step()
+        self.meaning = NetworkMeaning.of(model_cfg, dataset)
 
     def forward(self, batch_dict: dict, link: Link = received_as_sent) -> tuple:
         """

@@ -17,10 +17,22 @@ from pcdet_avp.models.detectors.build import with_norm
 from pcdet_avp.models.detectors.loadable import LoadableDetector
 from pcdet_avp.models.encoders.depth_branch import DepthBranch
 from pcdet_avp.models.encoders.encoder import present_rows
+from pcdet_avp.models.weights.agreement import NetworkMeaning
+from pcdet_avp.models.weights.meaning import CODE_KEY
 from pcdet_avp.registry import DETECTORS
 from pcdet_avp.structures.sensor_set import agent_of
 
 AGENTS = ("ego", "infra")
+# All that the depth branch depends on.
+MEANING_SECTIONS = (
+    CODE_KEY,
+    "DATA_CONFIG.IMAGE_SHAPE",
+    "DATA_CONFIG.SENSORS.EGO.CAMERA",
+    "DATA_CONFIG.SENSORS.INFRA.CAMERA",
+    "MODEL.CAMERA_ENCODER.CROP_TOP_PX",
+    "MODEL.CAMERA_ENCODER.DEPTH",
+    "MODEL.CAMERA_ENCODER.IMAGE_BACKBONE",
+)
 
 
 class DepthEncoder(DepthBranch):
@@ -46,6 +58,7 @@ class CameraDepth(LoadableDetector):
         encoder_cfg = require(cfg, "CAMERA_ENCODER", dict)
         self.encoders = nn.ModuleDict({name: DepthEncoder(encoder_cfg) for name in names})
         self.add_global_step()
+        self.meaning = NetworkMeaning.of(model_cfg, dataset, MEANING_SECTIONS)
 
     def encoder_of(self, source: str) -> DepthEncoder:
         """The encoder of a camera: its own, or the one that both agents share."""

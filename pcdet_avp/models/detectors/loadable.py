@@ -21,7 +21,7 @@ class LoadableDetector(nn.Module):
         self.register_buffer("global_step", torch.zeros(1, dtype=torch.int64))
 
     def update_global_step(self) -> None:
-        """Count a training step, as the host's training loop does."""
+        """Count a training step, as OpenPCDet's training loop does."""
         self.global_step += 1
 
     def load_params_from_file(
@@ -29,7 +29,7 @@ class LoadableDetector(nn.Module):
     ) -> None:
         """Load weights; first those of ``pre_trained_path``, if given. See ``load_weights`` for what is refused."""
         for path in filter(None, (pre_trained_path, filename)):
-            load_weights(self, self._read(path, to_cpu)["model_state"], path, logger)
+            load_weights(self, self._read(path, to_cpu), path, logger)
 
     def load_params_with_optimizer(
         self,
@@ -41,7 +41,7 @@ class LoadableDetector(nn.Module):
         """Load weights and the optimiser's state; the iteration and epoch they were saved at."""
         logger = logger or logging.getLogger(__name__)
         content = self._read(filename, to_cpu)
-        load_weights(self, content["model_state"], filename, logger)
+        load_weights(self, content, filename, logger)
         if optimizer is not None and content.get("optimizer_state") is not None:
             optimizer.load_state_dict(content["optimizer_state"])
         return int(content.get("it", 0)), int(content.get("epoch", -1))

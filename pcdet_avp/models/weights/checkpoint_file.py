@@ -1,4 +1,5 @@
-"""Reading checkpoints: ours, and OpenPCDet's. Only tensors and plain values are read; no code is run."""
+"""Reading checkpoints: ours (torch's files and safetensors) and OpenPCDet's. Only tensors and plain values are read;
+no code is run."""
 
 from __future__ import annotations
 
@@ -6,6 +7,7 @@ import io
 import os
 import pickle
 import zipfile
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +15,8 @@ import torch
 
 from pcdet_avp import shipped
 from pcdet_avp.errors import CheckpointError
+from pcdet_avp.models.weights.agreement import MEANING_KEY, take_carried_meaning
+from pcdet_avp.models.weights.safetensors_file import SUFFIX, begins_safetensors, decode
 
 UNREADABLE = (RuntimeError, EOFError, KeyError, ValueError, AttributeError, TypeError)
 UNREADABLE += (pickle.UnpicklingError, zipfile.BadZipFile)
@@ -26,19 +30,46 @@ THRESHOLDS_KEY = "score_thresholds"  # of a checkpoint: class -> score from whic
 def read_checkpoint(path: str | os.PathLike, device: torch.device | str = "cpu") -> dict[str, Any]:
     """The content of a checkpoint, a mapping with ``model_state``; CheckpointError if it cannot be read."""
     try:
-        file = io.BytesIO(shipped.find_checkpoint(path).read_bytes())
+        file = shipped.find_checkpoint(path)
+        data = file.read_bytes()
     except OSError as error:
         raise CheckpointError(f"{path}: cannot read this checkpoint ({error.strerror})") from error
     try:
-        _check_sums(file)
-        with torch.serialization.safe_globals(NUMPY_NUMBERS):
-            content = torch.load(file, map_location=device, weights_only=True)
+        content = decode(data, device) if _is_safetensors(file, data) else _load(data, device)
     except UNREADABLE as error:
         reason = str(error).strip().splitlines() or [type(error).__name__]
         raise CheckpointError(f"{path}: truncated, damaged or no checkpoint at all ({reason[0][:120]})") from error
     if not isinstance(content, dict) or not isinstance(content.get("model_state"), dict):
         raise CheckpointError(f"{path}: expected a mapping with 'model_state', found {_outline(content)}")
-    return content
+    carried = take_carried_meaning(content["model_state"])
+    return content if carried is None else {MEANING_KEY: carried, **content}
+
+
+def iterations_of(path: Path) -> int | None:
+    """How far a checkpoint had come, without reading its tensors; -1 if it does not say, None if it cannot be read."""
+    try:
+        with torch.serialization.safe_globals(NUMPY_NUMBERS):
+            content = torch.load(path, map_location="meta", weights_only=True, mmap=_is_zip(path))
+        return int(content.get("it", -1)) if "model_state" in content else None
+    except (OSError, *UNREADABLE):
+        return None
+
+
+def _is_zip(path: Path) -> bool:
+    """Whether torch wrote an archive, whose tensors need not be read; the format before it has to be read whole."""
+    return zipfile.is_zipfile(path)
+
+
+def _is_safetensors(path: Path, data: bytes) -> bool:
+    return path.suffix == SUFFIX or begins_safetensors(data)
+
+
+def _load(data: bytes, device: torch.device | str) -> Any:
+    """What torch saved."""
+    file = io.BytesIO(data)
+    _check_sums(file)
+    with torch.serialization.safe_globals(NUMPY_NUMBERS):
+        return torch.load(file, map_location=device, weights_only=True)
 
 
 def _check_sums(file: io.BytesIO) -> None:

@@ -5,28 +5,31 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Mapping
+from typing import Any
 
 from torch import Tensor, nn
 
 from pcdet_avp.errors import CheckpointError
 from pcdet_avp.models.norm import drop_foreign_norms
+from pcdet_avp.models.weights.agreement import CARRIED, check_meaning
 from pcdet_avp.models.weights.openpcdet import is_openpcdet, load_openpcdet
 
 
-def load_weights(
-    model: nn.Module, state: Mapping[str, Tensor], path: str | os.PathLike, logger: logging.Logger
-) -> None:
-    """Copy ``state`` into ``model`` and log what was not loaded.
+def load_weights(model: nn.Module, content: Mapping[str, Any], path: str | os.PathLike, logger: logging.Logger) -> None:
+    """Copy a checkpoint's ``model_state`` into ``model`` and log what was not loaded.
 
+    Weights that mean something else are refused (see ``check_meaning``).
     A tensor of another shape means another configuration and is a CheckpointError. Norm layers trained as another
     kind are left out, and so are names that only one side has; a file that shares no name is a CheckpointError too.
     A detector of OpenPCDet with pillars has names and shapes of its own: see ``load_openpcdet``.
     """
+    state = content["model_state"]
     if is_openpcdet(state):
         load_openpcdet(model, state, path, logger)
         return
+    check_meaning(model, content, path, logger)
     kept, foreign = drop_foreign_norms(state, model)
-    own = model.state_dict()
+    own = {key: value for key, value in model.state_dict().items() if key != CARRIED}
     usable = {key: value for key, value in kept.items() if key in own}
     _check_shapes(usable, own, path)
     if not set(usable) - {"global_step"}:

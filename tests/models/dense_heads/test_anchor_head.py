@@ -170,3 +170,10 @@ def test_the_layers_together_give_what_each_gives_alone(directions):
             continue
         alone = layer(x).permute(0, 2, 3, 1).reshape(2, -1, values)
         torch.testing.assert_close(out[f"{name}_preds"], alone)
+
+
+def test_two_entries_of_one_class_are_refused_and_the_place_for_both_is_named():
+    """Before, the first of the two was dropped without a word."""
+    car, person = config()["ANCHOR_GENERATOR_CONFIG"]
+    with pytest.raises(ConfigError, match=r"two entries for 'Car'; put all its sizes into one entry's anchor_sizes"):
+        make(ANCHOR_GENERATOR_CONFIG=[car, person, {**car, "anchor_sizes": [[5.0, 2.0, 1.8]]}])

@@ -1,0 +1,65 @@
+"""What a number or a path on the command line may be: each type refuses the rest before anything starts."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+from pcdet_avp.errors import ConfigError
+
+
+class Parser(argparse.ArgumentParser):
+    """Tells a wrong argument as the tools tell every error: one line (see ``cli.run_tool``)."""
+
+    def error(self, message: str) -> None:
+        raise ConfigError(f"{message}; {self.prog} --help lists the arguments")
+
+
+def _whole(least: int) -> Callable[[str], int]:
+    def parse(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"expected a whole number, found {text!r}") from None
+        if value < least:
+            raise argparse.ArgumentTypeError(f"expected {least} or more, found {text!r}")
+        return value
+
+    return parse
+
+
+def _number(accepts: Callable[[float], bool], expected: str) -> Callable[[str], float]:
+    def parse(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"expected {expected}, found {text!r}") from None
+        if not (math.isfinite(value) and accepts(value)):
+            raise argparse.ArgumentTypeError(f"expected {expected}, found {text!r}")
+        return value
+
+    return parse
+
+
+positive_int = _whole(1)
+non_negative_int = _whole(0)
+positive_float = _number(lambda value: value > 0, "a number above 0")
+non_negative_float = _number(lambda value: value >= 0, "0 or a number above it")
+share = _number(lambda value: 0 <= value <= 1, "a share from 0 to 1")
+
+
+def path(text: str) -> Path:
+    """A path in which ``~`` is the home folder of a user, as a shell has it."""
+    if not text:
+        raise argparse.ArgumentTypeError("expected a path, found nothing")
+    try:
+        return Path(text).expanduser()
+    except RuntimeError as error:
+        raise argparse.ArgumentTypeError(f"{text!r}: {error}") from error
+
+
+def path_text(text: str) -> str:
+    """As ``path``, as text."""
+    return str(path(text))
