@@ -37,7 +37,7 @@ lint: setup  ## ruff
 typecheck: setup  ## mypy on structures, link, evaluation and datasets
 	$(BIN)/mypy
 
-# The variable silences an advertisement that mkdocs-material prints.
+# The variable silences the end-of-life notice of mkdocs-material, which is no warning about these pages.
 docs: setup  ## the documentation as a site in output/site; any warning fails
 	$(BIN)/pip install -q -e ".[docs]" -c constraints.txt
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
