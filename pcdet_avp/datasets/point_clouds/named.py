@@ -28,10 +28,9 @@ def read_pcd(file: Path, scale: float | None) -> Cloud:
     except ImportError as error:
         raise RecordError(f"{file}: PCD is read by pypcd4: {INSTALL}") from error
     try:
-        cloud = PointCloud.from_fileobj(io.BytesIO(_tidy_pcd(file.read_bytes())))
+        cloud = PointCloud.from_fileobj(io.BufferedReader(io.BytesIO(_tidy_pcd(file.read_bytes()))))
         data = np.atleast_1d(cloud.pc_data)
-        names = dict(zip(data.dtype.names, map(str.lower, data.dtype.names), strict=True))
-        fields = {lower: data[name] for name, lower in names.items()}
+        fields = {name.lower(): data[name] for name in data.dtype.names or ()}
         if "rgb" in fields:
             fields |= dict(zip(("red", "green", "blue"), _unpack_rgb(fields["rgb"]), strict=True))
     except (ValueError, RuntimeError, KeyError, IndexError, TypeError, struct.error) as error:
