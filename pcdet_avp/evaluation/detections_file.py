@@ -15,6 +15,7 @@ import numpy as np
 
 from pcdet_avp.errors import EvaluationError
 from pcdet_avp.evaluation.inputs import Detections
+from pcdet_avp.files import flat_name
 
 FIELDS = ("frame_id", "frame", "boxes_lidar", "name", "score")
 
@@ -57,9 +58,9 @@ def read_detections(path: Path) -> list[Detections]:
 
 
 def write_texts(folder: Path, detections: Sequence[Detections]) -> None:
-    """``folder/scene_frame.txt``: class, score, then x y z dx dy dz heading (metres, radians), one a line."""
+    """``folder/scene_frame.txt`` (``files.flat_name``): class, score, x y z dx dy dz heading (m, rad), one a line."""
     for found in detections:
-        file = folder / f"{found.frame_id.replace('/', '_')}.txt"
+        file = folder / f"{flat_name(found.frame_id)}.txt"
         rows = zip(found.names, found.scores, found.boxes, strict=True)
         text = "".join(f"{name} {score:.4f} {' '.join(f'{v:.4f}' for v in box)}\n" for name, score, box in rows)
         try:

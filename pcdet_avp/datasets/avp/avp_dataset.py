@@ -22,6 +22,7 @@ from pcdet_avp.errors import ConfigError, RecordError
 from pcdet_avp.evaluation import Detections, GroundTruth, Region, evaluate
 from pcdet_avp.evaluation.detections_file import write_texts
 from pcdet_avp.registry import DATASETS
+from pcdet_avp.structures.ego import centre_in_ego
 from pcdet_avp.structures.frame import Frame
 from pcdet_avp.structures.sensor_set import SOURCES, SensorSet
 
@@ -82,9 +83,15 @@ class AvpDataset(torch.utils.data.Dataset):
         frame_ids = manifest.frame_ids(self.split)
         if not frame_ids:
             raise RecordError(f"{file}: scenes: no frame in split {self.split!r}; frames: {manifest.frame_counts}")
+        self._say_if_ego_is_labelled(frame_ids[0])
         if self.logger is not None:
             self.logger.info("%s: %d frames in split %s", self.root_path, len(frame_ids), self.split)
         return frame_ids
+
+    def _say_if_ego_is_labelled(self, frame_id: str) -> None:
+        labels = read_frame(self.root_path, frame_id, sources=(), keep_ego=True).labels
+        if self.logger is not None and centre_in_ego(labels.boxes).any():
+            self.logger.warning(f"{self.root_path}: the ego itself is among the labels (frame {frame_id}): left out")
 
     @property
     def mode(self) -> str:
@@ -175,15 +182,21 @@ class AvpDataset(torch.utils.data.Dataset):
         return evaluate(truths, detections, self.regions(), class_names, min_scores)
 
     def ground_truths(self) -> list[GroundTruth]:
-        """The labels of every frame of the split, in order."""
-        frames = (read_frame(self.root_path, frame_id, sources=()) for frame_id in self.frame_ids)
-        return [GroundTruth.from_labels(frame.frame_id, frame.labels) for frame in frames]
+        """The labels of every frame of the split, in order, without the ego itself; the log counts those left out."""
+        truths, left_out = [], 0
+        for frame_id in self.frame_ids:
+            frame = read_frame(self.root_path, frame_id, sources=(), keep_ego=True)
+            ego = centre_in_ego(frame.labels.boxes)
+            left_out += int(ego.sum())
+            truths.append(GroundTruth.from_labels(frame_id, frame.labels.select(~ego), frame.ego.camera))
+        if left_out and self.logger is not None:
+            self.logger.warning(f"{self.root_path}: split {self.split}: {left_out} labels of the ego itself left out")
+        return truths
 
     def regions(self) -> list[Region]:
-        """Where objects count: in the vehicle camera's field of view first, then in the whole range."""
-        camera = read_frame(self.root_path, self.frame_ids[0], sources=()).ego.camera
+        """Where objects count: in each frame's own camera's field of view first, then in the whole range."""
         grid = self.prepare_config.grid
-        if camera is None:
+        cameras = (read_frame(self.root_path, frame_id, sources=()).ego.camera for frame_id in self.frame_ids)
+        if all(camera is None for camera in cameras):
             return [Region.full_range(grid)]
-        hfov = 2 * np.arctan(camera.width / 2 / camera.fx)
-        return [Region.camera_fov(float(camera.agent_from_camera.translation[0]), hfov, grid), Region.full_range(grid)]
+        return [Region.own_camera_fov(grid), Region.full_range(grid)]
