@@ -10,7 +10,6 @@ import logging
 import os
 import re
 from collections.abc import Iterable, Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -18,6 +17,7 @@ import torch
 from torch import nn
 
 from pcdet_avp.errors import CheckpointError
+from pcdet_avp.files import replacing
 from pcdet_avp.models.weights.agreement import check_meaning
 from pcdet_avp.models.weights.checkpoint_file import iterations_of, read_checkpoint
 from pcdet_avp.models.weights.safetensors_file import SUFFIX, encode
@@ -35,19 +35,11 @@ def save(path: Path, content: Mapping[str, Any]) -> None:
 
     A name that ends in ``.safetensors`` chooses that format, for weights and plain values.
     """
-    aside = path.with_name(f"{path.name}.{os.getpid()}.tmp")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with aside.open("wb") as file:
+        with replacing(path, sync=True, error=CheckpointError) as aside, aside.open("wb") as file:
             _write(content, path.suffix, file)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(aside, path)
-        _sync_folder(path.parent)
-    except (OSError, RuntimeError, ValueError) as error:
-        with suppress(OSError):
-            aside.unlink()
-        raise CheckpointError(f"{path}: cannot write this checkpoint ({error})") from error
+    except (RuntimeError, ValueError) as error:
+        raise CheckpointError(f"{path}: cannot be written ({error})") from error
 
 
 def _write(content: Mapping[str, Any], suffix: str, file: BinaryIO) -> None:
@@ -142,13 +134,3 @@ def _set_aside(path: Path) -> Path:
         number += 1
     path.rename(aside)
     return aside
-
-
-def _sync_folder(folder: Path) -> None:
-    """Make the renaming itself survive a power cut, where the system can."""
-    if os.name == "posix":
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)

@@ -51,7 +51,7 @@ class RunFolder:
         return self.root / "eval"
 
     def create(self) -> RunFolder:
-        """Make the folders; ConfigError where that is not possible."""
+        """Make the folders; OutputError if that is not possible."""
         for folder in (self.root, self.checkpoints, self.evaluation):
             make_folder(folder)
         return self

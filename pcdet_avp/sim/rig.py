@@ -1,7 +1,7 @@
 """The sensors of both agents (paper, table "Parameter Settings of Sensors") and the capture of a frame.
 
-``capture(world, rig, key)`` is the one way from the garage to a ``Frame``, for the data set. ``observe``, for the
-closed loop, is the same without the ground truth.
+``capture(world, rig, key, frame_id)`` is the one way from the garage to a ``Frame``, for the data set.
+``observe``, for the closed loop, is the same without the ground truth.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ from pcdet_avp.structures.sensor_set import SOURCES
 
 @dataclass(frozen=True, eq=False)
 class AgentRig:
-    """The camera and the LiDAR of one agent, both in its frame (origin on the floor below the mast)."""
+    """The camera and the LiDAR of one agent, both in its frame: x forward, z up, origin on the floor, below
+    the mast of the roadside unit or below the centre of the ego vehicle."""
 
     camera: PinholeCamera
     lidar: LidarModel

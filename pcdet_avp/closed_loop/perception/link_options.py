@@ -41,7 +41,9 @@ class LinkOptions:
     repetitions: int = _option(1, int, "how often every map is sent")
     delay_ms: float = _option(0.0, float, "delay of every block beside its air time")
     jitter_ms: float = _option(0.0, float, "further delay of every block, drawn evenly from zero to this")
-    deadline_ms: float | None = _option(None, float, "blocks that arrive later after being handed over are dropped")
+    deadline_ms: float | None = _option(
+        None, float, "blocks that arrive later than this after they were handed to the sender are dropped"
+    )
     cut_within_s: float | None = _option(
         None, float, "the roadside falls silent for good, at a time drawn evenly from zero to this after the first map"
     )
