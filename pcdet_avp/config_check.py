@@ -2,8 +2,7 @@
 anything starts.
 
 A key that no rule knows is an error that names the near ones: otherwise a misspelt one would be left out in silence.
-Below a section whose NAME is a class of the user's own, and below GENERATE.GARAGE and GENERATE.SCENE, whose keys the
-generator checks, any key may stand. Every number anywhere must be finite.
+Below a section whose NAME is a class of the user's own any key may stand. Every number anywhere must be finite.
 """
 
 from __future__ import annotations

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from pcdet_avp.config_fields import fields_from
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.sim.dynamics import LongitudinalModel
 
@@ -38,14 +39,6 @@ class EpisodeSettings:
     @classmethod
     def from_config(cls, cfg: Mapping[str, Any]) -> EpisodeSettings:
         """From CLOSED_LOOP, whose keys are the fields' names in capitals; what it leaves out is as above."""
-        dynamics = LongitudinalModel(**_fields(LongitudinalModel, cfg.get("DYNAMICS", {}), "CLOSED_LOOP.DYNAMICS"))
+        dynamics = LongitudinalModel(**fields_from(LongitudinalModel, cfg.get("DYNAMICS", {}), "CLOSED_LOOP.DYNAMICS"))
         plain = {key: value for key, value in cfg.items() if key != "DYNAMICS"}
-        return cls(dynamics=dynamics, **_fields(cls, plain, "CLOSED_LOOP"))
-
-
-def _fields(settings: type, cfg: Mapping[str, Any], where: str) -> dict[str, Any]:
-    known = [f.name for f in fields(settings)]
-    for key in cfg:
-        if key.lower() not in known:
-            raise ConfigError(f"{where}: unknown key {key!r}; known: {', '.join(known).upper()}")
-    return {key.lower(): value for key, value in cfg.items()}
+        return cls(dynamics=dynamics, **fields_from(cls, plain, "CLOSED_LOOP"))
