@@ -18,7 +18,7 @@ from torch import nn
 
 from pcdet_avp.errors import CheckpointError
 from pcdet_avp.files import replacing
-from pcdet_avp.models.weights.agreement import check_meaning
+from pcdet_avp.models.weights.agreement import check_meaning, check_shape, foreign_weights
 from pcdet_avp.models.weights.checkpoint_file import iterations_of, read_checkpoint
 from pcdet_avp.models.weights.safetensors_file import SUFFIX, encode
 from pcdet_avp.models.weights.weights_hash import weights_hash
@@ -56,13 +56,10 @@ def load_model(
     check_meaning(model, content, path, log)
     theirs, ours = content["model_state"], model.state_dict()
     for key, value in ours.items():
-        found = tuple(theirs[key].shape) if key in theirs else "nothing"
-        if found != tuple(value.shape):
-            shapes = f"expected {tuple(value.shape)}, found {found}"
-            raise CheckpointError(f"{path}: made with another configuration: {key}: {shapes}")
+        check_shape(key, tuple(theirs[key].shape) if key in theirs else None, tuple(value.shape), path)
     extra = next((key for key in theirs if key not in ours), None)
     if extra is not None:
-        raise CheckpointError(f"{path}: made with another configuration: it has {extra}, which this network lacks")
+        raise foreign_weights(path, f"it has {extra}, which this network lacks")
     model.load_state_dict(theirs)
 
 

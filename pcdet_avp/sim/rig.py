@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -55,6 +56,22 @@ class Rig:
         """From DATA_CONFIG.SENSORS = {EGO: {CAMERA, LIDAR}, INFRA: {CAMERA, LIDAR}}."""
         return cls(AgentRig.from_config(sensors["EGO"]), AgentRig.from_config(sensors["INFRA"]))
 
+    def placed_in(self, world: World) -> tuple[PlacedRig, PlacedRig]:
+        """The sensors of ego and roadside unit where they stand in a world now."""
+        return (
+            PlacedRig("ego", self.ego, world.world_from_ego, world.ego_tracer),
+            PlacedRig("infra", self.infra, world.world_from_infra, world.infra_tracer),
+        )
+
+
+class PlacedRig(NamedTuple):
+    """The sensors of one agent ("ego" or "infra") in a world: its pose there, and what builds its ray tracer."""
+
+    agent: str
+    rig: AgentRig
+    world_from_agent: Pose
+    tracer: Callable[[], RayTracer]
+
 
 def _camera(cfg: Mapping) -> PinholeCamera:
     angles = np.radians(cfg["HFOV_DEG"]), np.radians(cfg["PITCH_DOWN_DEG"])
@@ -95,11 +112,8 @@ def _observe_both(
 ) -> tuple[AgentView, AgentView, dict[str, np.ndarray]]:
     """Both agents' views, and per source the instance number behind each of its pixels or points."""
     views, instances = [], {}
-    for agent, pose, agent_rig, tracer in (
-        ("ego", world.world_from_ego, rig.ego, world.ego_tracer),
-        ("infra", world.world_from_infra, rig.infra, world.infra_tracer),
-    ):
-        view, behind = _observe(agent, pose, agent_rig, tracer, world, key, sources)
+    for placed in rig.placed_in(world):
+        view, behind = _observe(placed, world, key, sources)
         views.append(view)
         instances |= behind
     return *views, instances
@@ -117,15 +131,10 @@ def _labels(world: World, rig: Rig, instances: Mapping[str, np.ndarray]) -> Labe
 
 
 def _observe(
-    agent: str,
-    pose: Pose,
-    rig: AgentRig,
-    tracer: Callable[[], RayTracer],
-    world: World,
-    key: Sequence[int],
-    sources: Sequence[str],
+    placed: PlacedRig, world: World, key: Sequence[int], sources: Sequence[str]
 ) -> tuple[AgentView, dict[str, np.ndarray]]:
     """One agent's view, and per source the instance number behind each of its pixels or points."""
+    agent, rig, pose, tracer = placed
     instances: dict[str, np.ndarray] = {}
     image = depth = points = scan = None
     if f"{agent}_camera" in sources:
