@@ -41,7 +41,7 @@ def _leaves(value: Any, key: str, pattern: str) -> Iterator[tuple[str, Any, str]
 
 
 def _of_section(rules: Mapping[str, Rule], pattern: str) -> Rule | None:
-    """For a section that is null or empty, or of a class of the user's own."""
+    """The rule for a section that is null or empty, or of a class of the user's own."""
     return SECTION if any(name.startswith(f"{pattern}.") for name in rules) else None
 
 

@@ -131,7 +131,7 @@ def _claim(root: Path, manifest: Manifest) -> None:
 
 
 def _refuse_foreign(root: Path) -> None:
-    """Nothing is ever written into a folder that holds something else."""
+    """RecordError if the folder holds something else: nothing is written there."""
     if root.exists() and not root.is_dir():
         raise RecordError(f"{root}: expected the folder of a data set, found a file")
     partial = f".{MANIFEST_FILE}{PARTIAL_SUFFIX}"  # all that a run that was killed at once leaves

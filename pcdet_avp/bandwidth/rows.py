@@ -36,7 +36,7 @@ class Evaluator:
         return cls([truths[i] for i in study.chosen], dataset.regions(), dataset.class_names, study.options.seed)
 
     def detections(self, found: Sequence[Boxes]) -> list[Detections]:
-        """As the metrics take them, nothing upon the ego."""
+        """Detections as the metrics take them, boxes on the ego removed."""
         names = np.array(self.class_names)
         lists = [
             Detections(t.frame_id, b.boxes.double().numpy(), names[b.labels.numpy() - 1], b.scores.double().numpy())

@@ -84,5 +84,5 @@ def as_latent(values: Tensor, present: np.ndarray) -> Latent:
 
 
 def received_latent(known: LatentMap, like: Tensor) -> Latent:
-    """In the memory format of what was sent, on which the last bit of a convolution depends."""
+    """A received map in the memory format of the sent one, on which the last bit of a convolution depends."""
     return as_latent(torch.empty_like(like).copy_(torch.from_numpy(known.values)), known.present)

@@ -1,4 +1,4 @@
-"""How the closed loop runs: CLOSED_LOOP of ``cfgs/closed_loop.yaml``."""
+"""Settings of the closed loop: CLOSED_LOOP of ``cfgs/closed_loop.yaml``."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pcdet_avp.sim.dynamics import LongitudinalModel
 
 @dataclass(frozen=True)
 class EpisodeSettings:
-    """How the loop runs."""
+    """Settings of an episode; times in seconds, distances in metres."""
 
     tick_s: float = 0.05  # 20 Hz (paper)
     lag_ticks: int = 1  # from observation to actuation
@@ -38,7 +38,7 @@ class EpisodeSettings:
 
     @classmethod
     def from_config(cls, cfg: Mapping[str, Any]) -> EpisodeSettings:
-        """From CLOSED_LOOP, whose keys are the fields' names in capitals; what it leaves out is as above."""
+        """Settings from CLOSED_LOOP, whose keys are the fields' names in capitals; absent keys keep their defaults."""
         dynamics = LongitudinalModel(**fields_from(LongitudinalModel, cfg.get("DYNAMICS", {}), "CLOSED_LOOP.DYNAMICS"))
         plain = {key: value for key, value in cfg.items() if key != "DYNAMICS"}
         return cls(dynamics=dynamics, **fields_from(cls, plain, "CLOSED_LOOP"))

@@ -1,4 +1,4 @@
-"""Where a run's files lie: output/<group>/<tag>/<extra_tag>/ below the working directory, as in OpenPCDet."""
+"""Folders of a run's files: output/<group>/<tag>/<extra_tag>/ below the working directory, as in OpenPCDet."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ class AgentRig:
 
     @classmethod
     def from_config(cls, cfg: Mapping) -> AgentRig:
-        """From one agent's part of DATA_CONFIG.SENSORS; angles there are in degrees."""
+        """The sensors of one agent's part of DATA_CONFIG.SENSORS; angles there are in degrees."""
         try:
             return cls(_camera(cfg["CAMERA"]), _lidar(cfg["LIDAR"]), _lidar_noise(cfg["LIDAR"]))
         except KeyError as missing:
@@ -53,7 +53,7 @@ class Rig:
 
     @classmethod
     def from_config(cls, sensors: Mapping) -> Rig:
-        """From DATA_CONFIG.SENSORS = {EGO: {CAMERA, LIDAR}, INFRA: {CAMERA, LIDAR}}."""
+        """The sensors of DATA_CONFIG.SENSORS = {EGO: {CAMERA, LIDAR}, INFRA: {CAMERA, LIDAR}}."""
         return cls(AgentRig.from_config(sensors["EGO"]), AgentRig.from_config(sensors["INFRA"]))
 
     def placed_in(self, world: World) -> tuple[PlacedRig, PlacedRig]:

@@ -1,4 +1,4 @@
-"""Perfect eyes where the sensors are: the limit of their placement.
+"""Ideal perception from the sensors' positions: the upper limit that their placement sets.
 
 A road user is found if one of the combination's cameras has 30 pixels on it or one of its LiDARs 5 returns (the
 random drop-off left out), within the vehicle's map. Only those who come into the ego's way are looked for: vehicles

@@ -1,4 +1,4 @@
-"""How the roadside reaches the vehicle in the closed loop, and how well the vehicle knows where it is."""
+"""Options of the link from roadside to vehicle in the closed loop, and of the vehicle's localisation noise."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class LinkOptions:
 
     @classmethod
     def of(cls, link: str, given: Mapping[str, Any]) -> LinkOptions:
-        """From the link's name and the options that were given."""
+        """The options of a link, from its name and those that were given; ConfigError if they conflict."""
         unknown = [name for name in given if name not in _fields()]
         if unknown:
             raise ConfigError(f"link: unknown option {unknown[0]!r}; known: {', '.join(_fields())}")

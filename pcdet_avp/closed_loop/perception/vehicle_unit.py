@@ -51,7 +51,7 @@ class Onboard:
         return Detections(frame.frame_id, boxes, names, scores)
 
     def run(self, frame: Frame, camera: bool, lidar: bool, world_from_ego: Pose, held: Maps) -> dict:
-        """As ``detect``, up to the head's boxes and logits (see ``AnchorHeadSingle``)."""
+        """The head's boxes and logits (see ``AnchorHeadSingle``) that ``detect`` filters."""
         sample = prepare(frame, SensorSet(camera, lidar, False, False), self._driving.input.prepare_config)
         batch_dict = load_batch(collate([sample]), self._driving.device)
         with self._driving.computing():

@@ -54,7 +54,7 @@ class Recording:
         return self._world
 
     def movers(self, tick: int) -> np.ndarray:
-        """(N, 7) boxes, world frame, of everybody who can move."""
+        """Boxes (N, 7) of every road user that can move, world frame."""
         users = self.seek(tick).road_users()
         return users.boxes[[not stands(actor) for actor in self._world.actors]]
 

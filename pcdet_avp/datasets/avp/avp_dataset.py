@@ -65,7 +65,7 @@ class AvpDataset(torch.utils.data.Dataset):
         self._visits = torch.zeros(len(self.frame_ids), dtype=torch.int64).share_memory_()
 
     def __getstate__(self) -> dict:
-        """For another process, whatever started it: everything but the log, which is this process's."""
+        """State for another process, whatever started it: everything but the log, which is this process's."""
         return self.__dict__ | {"logger": None}
 
     def _find_frames(self) -> list[str]:
@@ -180,7 +180,7 @@ class AvpDataset(torch.utils.data.Dataset):
         return [GroundTruth.from_labels(frame.frame_id, frame.labels) for frame in frames]
 
     def regions(self) -> list[Region]:
-        """Where objects count: in the vehicle camera's field of view first, then in the whole range."""
+        """Regions in which objects count: in the vehicle camera's field of view first, then in the whole range."""
         camera = read_frame(self.root_path, self.frame_ids[0], sources=()).ego.camera
         grid = self.prepare_config.grid
         if camera is None:

@@ -25,7 +25,7 @@ CARRIED = "_extra_state"  # name that torch gives to what a module stores beside
 
 @dataclass(frozen=True, eq=False)
 class NetworkMeaning:
-    """Of a network: what it takes its weights for, where a file may differ, and whether it is to be trained further.
+    """What a network takes its weights for, where a file may differ, and whether it is to be trained further.
 
     Training makes good what changes inputs (other sensors, another range, another codec): such differences are a
     warning there, and an error where the weights are used as they are. ``sections``: of a part of a whole network,

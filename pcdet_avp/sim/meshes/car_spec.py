@@ -11,7 +11,7 @@ from pcdet_avp.errors import GeometryError
 
 @dataclass(frozen=True)
 class BodyShape:
-    """Where things are: x as a share of the length from the centre, z as a share of the height."""
+    """Proportions of a body style: x as a share of the length from the centre, z as a share of the height."""
 
     cowl_x: float  # foot of the windscreen
     screen_top_x: float

@@ -1,6 +1,6 @@
 """Scenes of the data set: a garage, who is in it, where the ego drives, all drawn from one random generator.
 
-A scene is an episode of a few frames. Nobody runs through anybody at any of its times.
+A scene is an episode of a few frames. No two road users overlap at any of its times.
 """
 
 from __future__ import annotations
@@ -124,7 +124,7 @@ class _Cast:
                 self.actors.append(Pedestrian(len(self.actors), spec, trajectory))
 
     def _placed(self, draw: Callable[[], Trajectory], spec: CarSpec, margin_m: float) -> Trajectory | None:
-        """The first of some drawn trajectories that keeps clear of everybody, or None."""
+        """The first of some drawn trajectories that keeps clear of all road users, or None."""
         for _ in range(TRIES):
             trajectory = draw()
             if self.floor.claim(trajectory, spec.size, margin_m):
