@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import os
 import re
+import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -23,7 +24,16 @@ from pcdet_avp.models.weights.checkpoint_file import iterations_of, read_checkpo
 from pcdet_avp.models.weights.safetensors_file import SUFFIX, encode
 from pcdet_avp.models.weights.weights_hash import weights_hash
 
-__all__ = ["LATEST", "drop_oldest", "furthest_first", "load_model", "load_newest", "save", "weights_hash"]
+__all__ = [
+    "LATEST",
+    "drop_oldest",
+    "epoch_checkpoints",
+    "furthest_first",
+    "load_model",
+    "load_newest",
+    "save",
+    "weights_hash",
+]
 
 LATEST = "latest_model.pth"
 EPOCH_FILE = re.compile(r"checkpoint_epoch_(\d+)\.pth")
@@ -73,6 +83,21 @@ def furthest_first(folder: Path) -> list[Path]:
     if damaged and not readable:
         raise CheckpointError(_none_readable(folder, map(_problem, damaged)))
     return readable
+
+
+def epoch_checkpoints(folder: Path, start_epoch: int = 0) -> list[Path]:
+    """A run's checkpoints of epochs from ``start_epoch`` on, the one trained shortest first; CheckpointError if none is
+    there at all. Files of other names count as the last epoch; the latest state between epochs is left out."""
+    found = furthest_first(folder)
+    if not found:
+        raise CheckpointError(f"{folder}: no checkpoint there")
+    return [path for path in reversed(found) if path.name != LATEST and _epoch_of(path) >= start_epoch]
+
+
+def _epoch_of(path: Path) -> int:
+    """The number that ends the name of a checkpoint (``checkpoint_epoch_12.pth``); a nameless one counts as last."""
+    number = path.stem.rpartition("_")[2]
+    return int(number) if number.isdecimal() else sys.maxsize
 
 
 def _by_progress(folder: Path) -> tuple[list[Path], list[Path]]:

@@ -131,6 +131,21 @@ def test_keeping_none_in_number_keeps_all(tmp_path):
     assert len(list(tmp_path.iterdir())) == 5
 
 
+def test_early_epochs_can_be_left_out_of_a_test_of_all(tmp_path):
+    with pytest.raises(CheckpointError, match="no checkpoint there"):
+        checkpoint.epoch_checkpoints(tmp_path)
+    for it, name in (
+        (20, "checkpoint_epoch_2"),
+        (10, "checkpoint_epoch_1"),
+        (25, "latest_model"),
+        (100, "checkpoint_epoch_10"),
+    ):
+        _save(tmp_path, f"{name}.pth", it, 0)
+    names = [path.stem for path in checkpoint.epoch_checkpoints(tmp_path)]
+    assert names == ["checkpoint_epoch_1", "checkpoint_epoch_2", "checkpoint_epoch_10"]
+    assert [path.stem for path in checkpoint.epoch_checkpoints(tmp_path, 2)] == names[1:]
+
+
 def test_weights_of_another_network_are_refused_by_the_first_difference():
     model = torch.nn.Sequential(torch.nn.Linear(2, 3), torch.nn.Linear(3, 1))
     state = model.state_dict()
