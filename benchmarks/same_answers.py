@@ -52,7 +52,7 @@ unit = "pcdet_avp.closed_loop.perception.roadside_unit", "pcdet_avp.closed_loop.
 driving = find("load", *network)(sys.argv[1], [], sys.argv[2])
 roadside = find("RoadsideUnit", *unit)(driving, 1475)
 data, out = Path(sys.argv[3]), Path(sys.argv[4])
-for number, folder in enumerate(sorted(data.glob("*/*/frame.json"))):
+for number, folder in enumerate(sorted(data.glob("scenes/*/*/frame.json"))):
     frame = read_frame(data, "/".join(folder.parts[-3:-1]))
     for source, segments in roadside.packets(frame, True, True, number).items():
         (out / f"{number}_{source}.bin").write_bytes(b"".join(segments))
@@ -147,7 +147,7 @@ def compare(old: Side, new: Side, tolerance: float) -> Iterator[tuple[str, bool,
         for side in (old, new):
             step(side, *arguments)
         if step is make_records:
-            yield "records", *same_files(old, new, "data", "*/*/*")
+            yield "records", *same_files(old, new, "data", "scenes/*/*/*")
         elif step is detect:
             yield "detections", *same_detections(old, new, tolerance)
         elif step is pack:

@@ -38,7 +38,7 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--frame", metavar="ID", help="one frame (scene/frame) as a picture, instead of a video")
     parser.add_argument(
         "--pictures",
-        type=int,
+        type=positive_int,
         metavar="K",
         help="pictures of the K frames of the split that show best what the roadside adds, instead of a video",
     )
