@@ -1,4 +1,4 @@
-"""How far off the boxes are, by distance and sensor combination: why the strict AP of cameras is what it is.
+"""Localisation errors of boxes by distance and sensor set: why the strict AP of cameras is what it is.
 
     python benchmarks/localisation.py --cfg cfgs/avp/cp_small.yaml --ckpt F [--combos all] [--split test]
 
@@ -48,7 +48,7 @@ NARROW_SIDE_M = {"Car": 1.9, "Pedestrian": 0.375}
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """Of n objects: distance from the vehicle, and the errors of the centre of those found, NaN where not found."""
+    """Errors of n objects: distance from the vehicle, and errors of the centre, NaN for those not found."""
 
     distance_m: np.ndarray
     along_m: np.ndarray

@@ -62,5 +62,5 @@ def path(text: str) -> Path:
 
 
 def path_text(text: str) -> str:
-    """As ``path``, as text."""
+    """The same as ``path``, as text."""
     return str(path(text))

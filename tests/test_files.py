@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from pcdet_avp.errors import ConfigError
+from pcdet_avp.errors import OutputError
 from pcdet_avp.files import flat_name, make_folder, unlike_names, write_bytes, write_json
 
 
@@ -25,20 +25,20 @@ def test_what_cannot_be_moved_into_place_leaves_the_old_file(tmp_path, monkeypat
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(os, "replace", fail)
-    with pytest.raises(ConfigError, match=r"a: cannot be written .No space left"):
+    with pytest.raises(OutputError, match=r"a: cannot be written .No space left"):
         write_bytes(tmp_path / "a", b"new")
     assert [(file.name, file.read_bytes()) for file in tmp_path.iterdir()] == [("a", b"old")]
 
 
 def test_a_place_that_cannot_be_is_named(tmp_path):
     (tmp_path / "file").touch()
-    with pytest.raises(ConfigError, match="file/run: cannot be written"):
+    with pytest.raises(OutputError, match="file/run: cannot be written"):
         write_bytes(tmp_path / "file" / "run", b"")
 
 
 def test_a_folder_that_cannot_be_made_is_named(tmp_path):
     (tmp_path / "file").touch()
-    with pytest.raises(ConfigError, match=r"file.* cannot make this folder"):
+    with pytest.raises(OutputError, match=r"file.* cannot make this folder"):
         make_folder(tmp_path / "file" / "run")
 
 

@@ -82,7 +82,7 @@ class Detections:
 
     @classmethod
     def from_annotation(cls, annotation: Mapping) -> Detections:
-        """From OpenPCDet's prediction dictionary: frame_id, boxes_lidar (M, 7), name (M,), score (M,)."""
+        """Detections of OpenPCDet's prediction dictionary: frame_id, boxes_lidar (M, 7), name (M,), score (M,)."""
         boxes = np.asarray(annotation["boxes_lidar"], dtype=np.float64).reshape(-1, 7)
         names, scores = np.asarray(annotation["name"], dtype=str), np.asarray(annotation["score"], dtype=np.float64)
         return cls(str(annotation["frame_id"]), boxes, names, scores)
@@ -112,7 +112,7 @@ def _check_rows(frame: GroundTruth | Detections, *names: str) -> None:
 
 @dataclass(frozen=True)
 class Region:
-    """Where objects count: inside ``grid`` (if given) and inside a wedge: one of all frames, or each frame's own.
+    """Region in which objects count: inside ``grid`` (if given) and inside a wedge, one of all frames or each its own.
 
     ``hfov``: the full angle (rad) of a wedge about the x axis with its apex at ``apex_x_m``. ``own_camera``: the wedge
     of each frame's own camera (``GroundTruth.wedge``); where a frame has none, nothing counts.

@@ -27,7 +27,7 @@ COORDINATE_UNKNOWN, ANGLE_UNKNOWN, SIZE_UNKNOWN, SPEED_UNKNOWN = 4096, 127, 32, 
 
 @dataclass(frozen=True)
 class Station:
-    """Who sends and from where: id, milliseconds since 2004-01-01 (TAI), degrees; None: coded unavailable."""
+    """Sender of a message and its place: id, milliseconds since 2004-01-01 (TAI), degrees; None: coded unavailable."""
 
     station_id: int = 0
     time_ms: int = 0

@@ -48,7 +48,7 @@ class Onboard:
         return named(frame.frame_id, found[0], self._driving.input.class_names)
 
     def run(self, frame: Frame, camera: bool, lidar: bool, world_from_ego: Pose, held: Maps) -> dict:
-        """As ``detect``, up to the head's boxes and logits (see ``AnchorHeadSingle``)."""
+        """The head's boxes and logits (see ``AnchorHeadSingle``) that ``detect`` filters."""
         sample = prepare(frame, SensorSet(camera, lidar, False, False), self._driving.input.prepare_config)
         batch_dict = load_batch(collate([sample]), self._driving.device)
         with self._driving.computing():

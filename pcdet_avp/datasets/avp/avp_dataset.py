@@ -16,7 +16,7 @@ from pcdet_avp.datasets.avp.collate import collate
 from pcdet_avp.datasets.avp.made_by import check_made_by
 from pcdet_avp.datasets.avp.manifest import MANIFEST_FILE, read_manifest
 from pcdet_avp.datasets.avp.network_input import NetworkInput
-from pcdet_avp.datasets.avp.prepare import PrepareConfig, prepare
+from pcdet_avp.datasets.avp.prepare import prepare
 from pcdet_avp.datasets.avp.record import read_frame, recorded_sources
 from pcdet_avp.errors import ConfigError, RecordError
 from pcdet_avp.evaluation import Detections, GroundTruth, Region, evaluate
@@ -39,9 +39,6 @@ class AvpDataset(torch.utils.data.Dataset):
     augmentation is the epoch's, whatever ``set_epoch`` says (workers may prefetch beyond the present epoch).
     """
 
-    class_names: list[str]  # these two and the other fields of NetworkInput are set by __init__
-    prepare_config: PrepareConfig
-
     def __init__(
         self,
         dataset_cfg: Mapping,
@@ -56,8 +53,15 @@ class AvpDataset(torch.utils.data.Dataset):
         self.split = split or require(dataset_cfg, f"DATA_SPLIT.{self.mode}", str)
         self.sensor_set = SensorSet.parse(require(dataset_cfg, "SENSOR_SET", str))
         self.sources: Sequence[str] = SOURCES  # that may be read at all: a network may use fewer than a combination has
-        for name, value in vars(NetworkInput.from_config(dataset_cfg, class_names)).items():
-            setattr(self, name, value)  # the attributes that OpenPCDet's detectors read back
+        network_input = NetworkInput.from_config(dataset_cfg, class_names)
+        self.prepare_config = network_input.prepare_config
+        # The attributes that OpenPCDet's detectors read back; NetworkInput says what they hold.
+        self.class_names = network_input.class_names
+        self.point_cloud_range = network_input.point_cloud_range
+        self.voxel_size = network_input.voxel_size
+        self.grid_size = network_input.grid_size
+        self.depth_downsample_factor = network_input.depth_downsample_factor
+        self.point_feature_encoder = network_input.point_feature_encoder
         self.frame_ids = self._find_frames()
         self.data_augmentor = Augmentor(dataset_cfg.get("DATA_AUGMENTOR")) if training else None
         self.seed = int((dataset_cfg.get("DATA_AUGMENTOR") or {}).get("SEED", 0))
@@ -66,7 +70,7 @@ class AvpDataset(torch.utils.data.Dataset):
         self._visits = torch.zeros(len(self.frame_ids), dtype=torch.int64).share_memory_()
 
     def __getstate__(self) -> dict:
-        """For another process, whatever started it: everything but the log, which is this process's."""
+        """State for another process, whatever started it: everything but the log, which is this process's."""
         return self.__dict__ | {"logger": None}
 
     def _find_frames(self) -> list[str]:
@@ -194,7 +198,7 @@ class AvpDataset(torch.utils.data.Dataset):
         return truths
 
     def regions(self) -> list[Region]:
-        """Where objects count: in each frame's own camera's field of view first, then in the whole range."""
+        """Regions in which objects count: each frame's own camera's field of view first, then the whole range."""
         grid = self.prepare_config.grid
         cameras = (read_frame(self.root_path, frame_id, sources=()).ego.camera for frame_id in self.frame_ids)
         if all(camera is None for camera in cameras):
