@@ -6,7 +6,7 @@
 Both sides run the command-line tools with the shipped ``cp_small`` weights in folders of their own: 6 frames are made,
 tested through the wire with all sensor sets, packed as transport segments, and 3 scenarios are driven. Records,
 segments and episodes must be equal byte by byte (columns of episodes may have moved), detections within
-``--tolerance``. Prints one line for each comparison and exits with status 1 if anything differs. A few minutes on two cores.
+``--tolerance``. Prints one line for each comparison; exit status 1 if anything differs. A few minutes on two cores.
 """
 
 from __future__ import annotations
