@@ -13,6 +13,7 @@ the share of equal packets, what the processor can do, and the load of the machi
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import os
 import pickle
@@ -227,7 +228,7 @@ class Worker:
         detections, packets = [], []
         for frame in self.frames:
             sent = self.roadside(frame)
-            packets += [hashlib.sha256(p).hexdigest() for p in sum(sent.values(), [])]
+            packets += [hashlib.sha256(p).hexdigest() for p in itertools.chain(*sent.values())]
             found = self.vehicle(frame, sent)
             rows = [found["pred_boxes"], found["pred_scores"][:, None], found["pred_labels"][:, None]]
             detections.append(np.concatenate([r.double().numpy() for r in rows], 1).tolist())
