@@ -71,6 +71,10 @@ class ScaleNorm(nn.Module):
         power = torch.linalg.vector_norm(full_precision(x), dim=(1, 2, 3)).square() / values
         return torch.rsqrt(power + self.eps)[:, None] * self.weight
 
+    def scale_of(self, power: float, values: int) -> Tensor:
+        """(C,) as ``scale``, for one sample whose present cells hold ``values`` numbers with this sum of squares."""
+        return torch.rsqrt(self.weight.new_tensor(power / values) + self.eps) * self.weight
+
 
 def drop_foreign_norms(state: Mapping[str, Tensor], module: nn.Module) -> tuple[dict[str, Tensor], list[str]]:
     """Leave out of ``state`` the norm layers that were trained as another kind than ``module`` has.

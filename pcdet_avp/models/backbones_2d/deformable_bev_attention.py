@@ -15,6 +15,8 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from pcdet_avp.errors import ConfigError
+from pcdet_avp.models.cpu_kernels import attention as kernels
+from pcdet_avp.models.cpu_kernels.dispatch import usable
 from pcdet_avp.models.norm import ScaleNorm
 from pcdet_avp.models.precision import full_precision
 
@@ -55,6 +57,8 @@ class DeformableBevAttention(nn.Module):
         """x (B, C, H, W), present (B, 1, H, W) bool -> (B, C, H, W), zero where absent."""
         if x.shape[2] % self.stride or x.shape[3] % self.stride:
             raise ConfigError(f"ATTENTION.QUERY_STRIDE: {tuple(x.shape[2:])} cells do not divide by {self.stride}")
+        if usable(x, self.value.weight):
+            return kernels.attend(self, x, present)
         inside = present.to(x.dtype)
         x = x * inside
         x = torch.addcmul(x, self._attend(x, self.norm.scale(x, present)), inside)

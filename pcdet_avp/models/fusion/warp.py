@@ -9,6 +9,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from pcdet_avp.models.cpu_kernels import warp as kernels
+from pcdet_avp.models.cpu_kernels.dispatch import usable
 from pcdet_avp.models.fusion.pooled_statistics import hide
 from pcdet_avp.structures.bev_grid import BevGrid
 from pcdet_avp.structures.sensor_set import INFRA_SOURCES
@@ -36,7 +38,7 @@ class WarpToEgo(nn.Module):
         for source in [s for s in INFRA_SOURCES if s in maps]:
             pose = poses.get(source, batch_dict["ego_from_infra"])
             if id(pose) not in around:  # both maps mostly share one
-                around[id(pose)] = neighbours(pose, self.grid)
+                around[id(pose)] = infra_cells(pose, self.grid)
             maps[source], masks[source] = resample(maps[source], masks[source], *around[id(pose)])
         return {**batch_dict, "bev_maps": maps, "bev_valid": masks}
 
@@ -47,12 +49,15 @@ def warp(X: Tensor, mask: Tensor, ego_from_infra: Tensor, grid: BevGrid) -> tupl
     Bilinear over the present ones of the four neighbouring cells. An identity pose gives back X bit for bit,
     and the map comes back zero where it is absent.
     """
-    return resample(X, mask, *neighbours(ego_from_infra, grid))
+    return resample(X, mask, *infra_cells(ego_from_infra, grid))
 
 
-def resample(X: Tensor, mask: Tensor, cells: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
-    """``warp`` with the ``neighbours`` of a pose."""
+def resample(X: Tensor, mask: Tensor, cols: Tensor, rows: Tensor) -> tuple[Tensor, Tensor]:
+    """``warp`` with the ``infra_cells`` of a pose."""
+    if usable(X):
+        return kernels.resample(X, mask, cols, rows, MIN_PRESENT_SHARE)
     B, C, H, W = X.shape
+    cells, weights = neighbours(cols, rows)
     weights = weights * mask.reshape(-1)[cells]
     share = weights.sum(1, keepdim=True)
     present = share >= MIN_PRESENT_SHARE
@@ -79,13 +84,11 @@ def infra_cells(ego_from_infra: Tensor, grid: BevGrid) -> tuple[Tensor, Tensor]:
     return cos * x + sin * y + shift[:, :1] - 0.5, cos * y - sin * x + shift[:, 1:] - 0.5
 
 
-def neighbours(ego_from_infra: Tensor, grid: BevGrid) -> tuple[Tensor, Tensor]:
-    """The four infra cells around every ego cell, (B * H * W, 4) each: rows of a table of all cells of the batch, and
-    bilinear weights, float64, 0 outside the grid."""
-    B, H, W = len(ego_from_infra), grid.height, grid.width
-    (cols, x_weights), (rows, y_weights) = (
-        _along_axis(place, size) for place, size in zip(infra_cells(ego_from_infra, grid), (W, H), strict=True)
-    )
+def neighbours(cols: Tensor, rows: Tensor) -> tuple[Tensor, Tensor]:
+    """The four infra cells around every place (B, H, W), (B * H * W, 4) each: rows of a table of all cells of the
+    batch, and bilinear weights, float64, 0 outside the grid."""
+    B, H, W = cols.shape
+    (cols, x_weights), (rows, y_weights) = _along_axis(cols, W), _along_axis(rows, H)
     first = torch.arange(B, device=rows.device).view(B, 1, 1, 1, 1) * (H * W)
     cells = first + rows[..., :, None] * W + cols[..., None, :]  # (B, H, W, 2, 2)
     weights = y_weights[..., :, None] * x_weights[..., None, :]

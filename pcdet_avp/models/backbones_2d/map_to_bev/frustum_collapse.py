@@ -21,6 +21,8 @@ from pcdet_avp.models.backbones_2d.map_to_bev.pixel_bags import (
     corner_offsets,
 )
 from pcdet_avp.models.backbones_2d.map_to_bev.voxel_projection import VoxelProjection
+from pcdet_avp.models.cpu_kernels import frustum as kernels
+from pcdet_avp.models.cpu_kernels.dispatch import usable
 from pcdet_avp.models.precision import without_autocast
 
 SAMPLINGS = ("trilinear", "factorised", "nearest")
@@ -37,6 +39,8 @@ def frustum_collapse(
     side of an edge appear at the other side's depth; it is there to be compared with. ``nearest`` needs rays of the
     same kind and takes one pixel instead of four, at less than half of the cost.
     """
+    if sampling == "trilinear" and usable(features, probabilities, weight):
+        return kernels.collapse(features, probabilities, _as_matrix(weight.detach()), projection)
     return _FrustumCollapse.apply(features, probabilities, weight, projection, sampling)
 
 

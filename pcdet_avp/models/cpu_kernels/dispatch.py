@@ -1,0 +1,54 @@
+"""When the kernels of this package may stand in for torch's operations, and how tensors become arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+# Sums may be taken in any order, products and sums be fused: without that no reduction becomes vector instructions.
+# NaN and infinite values keep their meaning.
+FASTMATH = {"contract", "reassoc", "nsz"}
+OPTIONS = {"cache": True, "nogil": True, "fastmath": FASTMATH, "error_model": "numpy"}
+
+_allowed = True
+
+
+def usable(*tensors: Tensor) -> bool:
+    """Whether these tensors can go through a kernel: ordinary ones on a CPU, in float32, nobody wants gradients, no
+    automatic precision, and nothing records the operations (export, compilation, tracing)."""
+    if not _allowed or torch.is_grad_enabled() or torch.is_autocast_enabled("cpu"):
+        return False
+    if torch.compiler.is_compiling() or torch.jit.is_tracing():
+        return False
+    kinds = (Tensor, nn.Parameter)
+    return all(type(t) in kinds and t.device.type == "cpu" and t.dtype == torch.float32 for t in tensors)
+
+
+@contextmanager
+def plain_operations() -> Iterator[None]:
+    """While active, everything is computed by torch's own operations: to compare with."""
+    global _allowed
+    before, _allowed = _allowed, False
+    try:
+        yield
+    finally:
+        _allowed = before
+
+
+def cells_last(x: Tensor) -> np.ndarray:
+    """A float32 map (B, C, H, W) as an array (B, H, W, C); no copy where it lies so in memory already."""
+    return array_of(x.permute(0, 2, 3, 1))
+
+
+def array_of(x: Tensor) -> np.ndarray:
+    """As a contiguous array without gradient, so that every kernel is compiled for one layout only."""
+    return np.ascontiguousarray(x.detach().numpy())
+
+
+def as_map(array: np.ndarray) -> Tensor:
+    """(B, H, W, C) -> (B, C, H, W) of the same memory."""
+    return torch.from_numpy(array).permute(0, 3, 1, 2)

@@ -1,0 +1,90 @@
+"""The attention's kernels against torch's operations, the formula that gradients go through."""
+
+import pytest
+import torch
+from easydict import EasyDict
+from torch import nn
+
+from pcdet_avp.models.backbones_2d.deformable_bev_attention import DeformableBevAttention
+from pcdet_avp.models.cpu_kernels import attention as kernels
+from pcdet_avp.models.cpu_kernels.dispatch import plain_operations
+
+
+def random_attention(stride, heads=2, channels=16):
+    """A module away from its initial state; its queries look up to some cells away, beyond the map's border, too."""
+    torch.manual_seed(3)
+    attention = DeformableBevAttention(EasyDict(HEADS=heads, POINTS=3, QUERY_STRIDE=stride), channels)
+    for parameter in attention.parameters():
+        nn.init.normal_(parameter, std=0.4)
+    return attention.eval()
+
+
+def sparse_map(batch=2, channels=16, height=12, width=8, share=0.2):
+    """Maps whose cells are mostly zero, and which of them are present."""
+    generator = torch.Generator().manual_seed(5)
+    x = torch.randn(batch, channels, height, width, generator=generator)
+    x *= torch.rand(batch, 1, height, width, generator=generator) < share
+    return x, torch.rand(batch, 1, height, width, generator=generator) < 0.7
+
+
+def both(attention, x, present):
+    """By torch's operations and by the kernels."""
+    with torch.no_grad():
+        with plain_operations():
+            expected = attention(x, present)
+        return expected, attention(x, present)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.2, 1.0])
+@pytest.mark.parametrize("stride", [1, 2])
+def test_equals_torch(stride, share):
+    expected, found = both(random_attention(stride), *sparse_map(share=share))
+    torch.testing.assert_close(found, expected, atol=2e-5, rtol=1e-5)
+    assert torch.equal(found == 0, expected == 0)
+
+
+@pytest.mark.parametrize(("batch", "present"), [(1, 0), (2, 0), (2, 1)])
+def test_nothing_present_and_all_present(batch, present):
+    x, _ = sparse_map(batch)
+    expected, found = both(random_attention(2), x, torch.full_like(x[:, :1], present, dtype=torch.bool))
+    torch.testing.assert_close(found, expected, atol=2e-5, rtol=1e-5)
+
+
+@pytest.mark.parametrize("layout", ["channels_last", "every second channel", "transposed"])
+def test_memory_layouts(layout):
+    x, present = sparse_map()
+    if layout == "channels_last":
+        x = x.contiguous(memory_format=torch.channels_last)
+    elif layout == "every second channel":
+        x = torch.stack([x, x + 1], 2).flatten(1, 2)[:, ::2]
+    else:
+        x, present = (t.mT.contiguous().mT for t in (x, present))
+    expected, found = both(random_attention(2), x, present)
+    torch.testing.assert_close(found, expected, atol=2e-5, rtol=1e-5)
+
+
+def test_the_input_is_left_as_it_is():
+    x, present = sparse_map()
+    before = x.clone()
+    both(random_attention(2), x, present)
+    assert torch.equal(x, before)
+
+
+def test_a_broken_number_is_not_lost():
+    x, present = sparse_map()
+    x[0, 3, 4, 4], present[0, :, 4, 4] = torch.nan, True
+    _, found = both(random_attention(2), x, present)
+    assert found[0, :, 4, 4].isnan().any()
+
+
+def test_training_and_other_precisions_do_without(monkeypatch):
+    monkeypatch.setattr(kernels, "attend", None)  # a call would raise
+    attention, (x, present) = random_attention(2), sparse_map()
+    attention(x, present).sum().backward()
+    assert attention.value.weight.grad.abs().sum() > 0
+    with torch.no_grad(), torch.autocast("cpu", torch.bfloat16):
+        attention(x, present)
+    with torch.no_grad():
+        attention.double()(x.double(), present)
+        with pytest.raises(TypeError):
+            attention.float()(x, present)

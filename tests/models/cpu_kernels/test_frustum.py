@@ -1,0 +1,91 @@
+"""The frustum's kernel against torch's operations, the formula that gradients go through."""
+
+import math
+
+import pytest
+import torch
+from easydict import EasyDict
+
+from pcdet_avp.models.backbones_2d.map_to_bev.frustum_to_bev import FrustumToBev
+from pcdet_avp.models.backbones_image.depth_bins import DepthBins
+from pcdet_avp.models.cpu_kernels import frustum as kernels
+from pcdet_avp.models.cpu_kernels.dispatch import plain_operations
+from pcdet_avp.structures.bev_grid import BevGrid
+from pcdet_avp.structures.camera import PinholeCamera
+
+GRID, BINS = BevGrid(0.0, -6.0, -0.5, 10.0, 6.0, 3.5, 0.5), DepthBins("LID", 7, 1.0, 9.0)
+SIZE, STRIDE = (22, 40), 4  # the last row of feature pixels covers only half of its image rows
+CAMERA = PinholeCamera.looking_ahead(SIZE[1], SIZE[0], math.pi / 2, 0.0, 1.8, math.radians(10))
+
+
+def head(sampling="trilinear", channels=16):
+    torch.manual_seed(0)
+    return FrustumToBev(EasyDict(HEIGHTS=4, SAMPLING=sampling, NUM_BEV_FEATURES=8), GRID, channels).eval()
+
+
+def images(batch=2, channels=16):
+    """Features, depth logits, calibration."""
+    generator = torch.Generator().manual_seed(1)
+    features = torch.randn(batch, channels, 6, 10, generator=generator)
+    logits = torch.randn(batch, BINS.count + 1, 6, 10, generator=generator) * 2
+    matrix = torch.tensor(CAMERA.intrinsics @ CAMERA.agent_from_camera.inverse().matrix[:3])
+    return features, logits, matrix.expand(batch, 3, 4).clone()
+
+
+def both(to_bev, features, logits, matrix):
+    """Maps by torch's operations and by the kernel."""
+    with torch.no_grad():
+        with plain_operations():
+            expected, seen = to_bev(features, logits, matrix, BINS, SIZE, STRIDE)
+        found, found_seen = to_bev(features, logits, matrix, BINS, SIZE, STRIDE)
+    assert torch.equal(found_seen, seen)
+    return expected, found
+
+
+@pytest.mark.parametrize("batch", [0, 1, 2])
+@pytest.mark.parametrize("chunk", [7, kernels.CHUNK_COLUMNS])
+def test_equals_torch(monkeypatch, batch, chunk):
+    monkeypatch.setattr(kernels, "CHUNK_COLUMNS", chunk)
+    expected, found = both(head(), *images(batch))
+    torch.testing.assert_close(found, expected, atol=1e-5, rtol=1e-5)
+    assert torch.equal(found == 0, expected == 0)
+    assert expected.flatten(1).any(1).all()  # every sample has something to compare
+
+
+@pytest.mark.parametrize("layout", ["channels_last", "every second channel", "a part of a larger image"])
+def test_memory_layouts(layout):
+    features, logits, matrix = images()
+    if layout == "channels_last":
+        features, logits = (t.contiguous(memory_format=torch.channels_last) for t in (features, logits))
+    elif layout == "every second channel":
+        features = torch.stack([features, features + 1], 2).flatten(1, 2)[:, ::2]
+    else:
+        features = torch.nn.functional.pad(features, (1, 2, 2, 0), value=9.0)[:, :, 2:, 1:-2]
+    torch.testing.assert_close(*both(head(), features, logits, matrix), atol=1e-5, rtol=1e-5)
+
+
+def test_a_camera_that_sees_no_cell():
+    features, logits, matrix = images()
+    matrix[:, 2, 3] -= 100.0  # everything lies behind it
+    expected, found = both(head(), features, logits, matrix)
+    assert not expected.any()
+    assert not found.any()
+
+
+def test_a_broken_number_is_not_lost():
+    features, logits, matrix = images(1)
+    features[0, 2, 3, 5] = torch.nan
+    _, found = both(head(), features, logits, matrix)
+    assert found.isnan().any()
+
+
+def test_training_other_samplings_and_precisions_do_without(monkeypatch):
+    monkeypatch.setattr(kernels, "collapse", None)  # a call would raise
+    to_bev, (features, logits, matrix) = head(), images()
+    to_bev(features, logits, matrix, BINS, SIZE, STRIDE)[0].sum().backward()
+    assert to_bev.collapse.weight.grad.abs().sum() > 0
+    with torch.no_grad():
+        head("nearest")(features, logits, matrix, BINS, SIZE, STRIDE)
+        head("factorised")(features, logits, matrix, BINS, SIZE, STRIDE)
+        with pytest.raises(TypeError):
+            to_bev(features, logits, matrix, BINS, SIZE, STRIDE)
