@@ -13,7 +13,7 @@ from typing import Any
 from pcdet_avp.config_fields import fields_from
 from pcdet_avp.structures.scene_config import EgoZone, GarageConfig, SceneConfig
 
-ELSEWHERE = {"GARAGE": (), "SCENE": ("frames", "frame_interval_s", "garage")}  # fields that other keys set
+ELSEWHERE = {"GARAGE": (), "SCENE": ("frames", "frame_interval_s", "garage", "plan")}  # fields that other keys set
 
 
 def scene_config(generate: Mapping[str, Any]) -> SceneConfig:
@@ -25,6 +25,7 @@ def scene_config(generate: Mapping[str, Any]) -> SceneConfig:
         zones = [fields_from(EgoZone, zone, f"{where}.SCENE.ZONES") for zone in scene["zones"]]
         scene["zones"] = [EgoZone(**_with_tuples(zone)) for zone in zones]
     times = {"frames": generate["FRAMES_PER_SCENE"], "frame_interval_s": float(generate["FRAME_INTERVAL_S"])}
+    times["plan"] = generate.get("PLAN")
     return replace(SceneConfig(), garage=GarageConfig(**_with_tuples(garage)), **_with_tuples(scene), **times)
 
 

@@ -20,7 +20,7 @@ from pcdet_avp.sim.meshes.car import car_mesh
 from pcdet_avp.sim.meshes.car_spec import CarSpec
 from pcdet_avp.sim.meshes.floor_building import floor_mesh
 from pcdet_avp.sim.meshes.mesh import Mesh
-from pcdet_avp.sim.plans.floor import FloorLayout
+from pcdet_avp.sim.plans.floor import FloorLayout, Unit
 from pcdet_avp.sim.rays.face_tables import FaceRoom
 from pcdet_avp.sim.rays.raytracer import RayTracer, TriangleScene
 from pcdet_avp.sim.render.lights import Lighting, headlamps_of
@@ -63,12 +63,12 @@ class World:
         layout: GarageLayout | FloorLayout,
         actors: Sequence[Actor],
         lighting: Lighting,
-        world_from_infra: Pose | None = None,
+        unit: Unit | None = None,
     ) -> None:
-        """``lighting`` without head lamps: those of moving cars and of the ego are added. ``world_from_infra``: where
-        the roadside unit stands and looks; by default at the origin, facing -x."""
-        self.layout, self.time_s = layout, 0.0
-        self.world_from_infra = MAST if world_from_infra is None else world_from_infra
+        """``lighting`` without head lamps: those of moving cars and of the ego are added. ``unit``: the roadside unit,
+        in the world frame; by default one at the origin that faces -x, as high as the rig says."""
+        self.layout, self.time_s, self.unit = layout, 0.0, unit
+        self.world_from_infra = MAST if unit is None else unit.plan_from_unit
         self._lighting = lighting
         self._actors = {actor.object_id: actor for actor in actors}
         if len(self._actors) != len(actors) or any(number < 0 for number in self._actors):

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise
 
 import numpy as np
 
 from pcdet_avp.sim.garage import Lamp, Pillar, Slot, Wall
 from pcdet_avp.sim.trajectories import Path, Segment
+from pcdet_avp.structures.boxes import bev_corners
 from pcdet_avp.structures.pose import Pose
 
 PIECE_M = 1.0  # a curved road's surface is made of rectangles about so long
@@ -144,8 +145,6 @@ class Floor:
 
     def outline(self) -> tuple[float, float, float, float]:
         """x_min, y_min, x_max, y_max of everything, metres."""
-        from pcdet_avp.structures.boxes import bev_corners
-
         boxes = [self.surfaces, self.solid_boxes(), np.array([slot.box for slot in self.slots]).reshape(-1, 7)]
         corners = bev_corners(np.concatenate(boxes)).reshape(-1, 2)
         return (*corners.min(0).tolist(), *corners.max(0).tolist())
@@ -189,6 +188,7 @@ class FloorLayout:
     road_start_x: float
     road_end_x: float
     lane_y: float = 0.0
+    world_from_plan: Pose = field(default_factory=Pose.identity, compare=False)
 
     @property
     def ceiling_m(self) -> float:
@@ -264,10 +264,17 @@ def path_boxes(path: Path, right_m: float, left_m: float) -> np.ndarray:
 
 def nearest(path: Path, x: float, y: float, step_m: float = 0.1) -> tuple[float, float]:
     """How far along a path it comes nearest to a point, and how near (m); found on a lattice of ``step_m``."""
-    along = np.linspace(0, path.length, max(int(path.length / step_m), 1) + 1)
-    distance = [np.hypot(px - x, py - y) for px, py, _ in map(path.at, along)]
+    along, xy = _lattice(path, step_m)
+    distance = np.hypot(xy[:, 0] - x, xy[:, 1] - y)
     best = int(np.argmin(distance))
     return float(along[best]), float(distance[best])
+
+
+@lru_cache(maxsize=256)
+def _lattice(path: Path, step_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """Places (L,) along a path and their points (L, 2)."""
+    along = np.linspace(0, path.length, max(int(path.length / step_m), 1) + 1)
+    return along, np.array([path.at(s)[:2] for s in along])
 
 
 def heading_near(path: Path, x: float, y: float) -> float:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.sim.actors import Actor
 from pcdet_avp.sim.garage import GarageLayout
+from pcdet_avp.sim.plans.floor import FloorLayout, Unit
 from pcdet_avp.sim.render.lights import Lighting
 from pcdet_avp.sim.scenarios.junction_map import JunctionMap
 from pcdet_avp.sim.world import World
@@ -40,7 +41,7 @@ class Scenario:
     trial: int
     seed_key: tuple[int, ...]  # of all further randomness: the same for every combination and perception
     cruising_mps: float  # v_c, m/s
-    layout: GarageLayout
+    layout: GarageLayout | FloorLayout
     actors: tuple[Actor, ...]
     lighting: Lighting
     ego_start_x: float  # of its centre
@@ -49,10 +50,11 @@ class Scenario:
     end_x: float  # where the ego's front is when it has passed every threat
     junction: JunctionMap | None = None  # None: vehicles are ignored
     max_lateral_acceleration_mps2: float = 0.0  # m/s2, of the vehicle on rails
+    unit: Unit | None = None  # the roadside unit, world frame; None: the mast at the origin
 
     def world(self) -> World:
         """A garage at time 0 with every road user in place and the ego at its start."""
-        world = World(self.layout, self.actors, self.lighting)
+        world = World(self.layout, self.actors, self.lighting, self.unit)
         world.set_ego(self.ego_start_x, self.layout.lane_y, 0.0)
         return world
 
