@@ -10,7 +10,15 @@ import time
 from functools import partial
 from pathlib import Path
 
-from pcdet_avp.argument_types import Parser, non_negative_float, non_negative_int, path, path_text, positive_int
+from pcdet_avp.argument_types import (
+    Parser,
+    non_negative_float,
+    non_negative_int,
+    path,
+    path_text,
+    positive_float,
+    positive_int,
+)
 from pcdet_avp.cli import run_tool
 from pcdet_avp.config import load_config, plain
 from pcdet_avp.errors import ConfigError
@@ -21,6 +29,7 @@ from pcdet_avp.placement.settings import PlacementSettings
 from pcdet_avp.placement.study import all_speeds, all_views, claim_folder
 from pcdet_avp.placement.visibility import Study, site_of
 from pcdet_avp.provenance import provenance
+from pcdet_avp.sim.plans.floor import Unit
 from pcdet_avp.sim.plans.read import read_plan
 
 CONFIG = "cfgs/placement.yaml"
@@ -31,12 +40,13 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--plan", type=path_text, required=True, metavar="FILE", help="the garage's plan (YAML)")
     parser.add_argument("--floor", help="name of the floor (default: the plan's first)")
     parser.add_argument("--out", type=path, help="default: output/placement/NAME")
-    parser.add_argument("--cfg", type=path_text, default=CONFIG, help="sensors, prices, dangers (default: placement.yaml)")
+    parser.add_argument("--cfg", type=path_text, default=CONFIG, help="sensors, prices, dangers")
     parser.add_argument("--candidates", type=positive_int, default=200, metavar="N", help="candidate places")
     parser.add_argument("--occupancies", type=positive_int, default=100, metavar="M", help="drawings of parked cars")
     parser.add_argument("--units", type=positive_int, default=4, metavar="K", help="roadside units at most")
     parser.add_argument("--members", type=non_negative_int, default=4, help="placements of the front that are driven")
     parser.add_argument("--trials", type=positive_int, default=10, help="drives of each scenario for each of them")
+    parser.add_argument("--speeds", nargs="+", type=positive_float, default=SPEEDS_MPS, help="driven (m/s), rising")
     parser.add_argument("--milp_seconds", type=non_negative_float, default=45.0, help="for each exact programme")
     parser.add_argument("--seed", type=non_negative_int, default=0)
     parser.add_argument("--workers", type=positive_int, default=2, help="processes (default: 2)")
@@ -46,6 +56,7 @@ def parse_arguments() -> argparse.Namespace:
 
 def main() -> None:
     args, started = parse_arguments(), time.time()
+    args.speeds = sorted(args.speeds)
     cfg = plain(load_config(args.cfg))
     settings = PlacementSettings.from_config(cfg)
     plan = read_plan(args.plan)
@@ -72,23 +83,23 @@ def main() -> None:
 
 
 def drive_members(args, study: Study, sight: Sight, kept: list[Placement], out: Path) -> Speeds:
-    """Safe speeds of some placements of the front, the empty one among them: whole, and with their worst sensor dead."""
+    """Safe speeds of the empty placement and some of the front: whole, and with the worst sensor dead."""
     scenarios, members = scenarios_of(study.plan), spread(kept, args.members)
     crews = {}
     for k, member in enumerate(members):
         crews[k, "all"] = sight.units(member.options)
         crews[k, "dead"] = sight.units(without(member.options, member.dead)) if member.dead else ()
-    jobs = {
-        key: [
-            SpeedJob(study.plan, s, args.seed, t, "-".join(map(str, key)), units, study.settings.sensors, study.settings.vehicle)
-            for s in scenarios
-            for t in range(args.trials)
-        ]
-        for key, units in crews.items()
-    }
+    jobs = {key: _jobs(args, study, scenarios, "-".join(map(str, key)), units) for key, units in crews.items()}
     done = iter(all_speeds([job for each in jobs.values() for job in each], out, args.workers, args.scheduler))
-    found = {key: safe_speed([next(done) for _ in each], SPEEDS_MPS) for key, each in jobs.items()}
+    found = {key: safe_speed([next(done) for _ in each], args.speeds) for key, each in jobs.items()}
     return {member: (found[k, "all"], found[k, "dead"]) for k, member in enumerate(members)}
+
+
+def _jobs(args, study: Study, scenarios: tuple[str, ...], name: str, units: tuple[Unit, ...]) -> list[SpeedJob]:
+    """All trials of one placement."""
+    how = study.settings.sensors, study.settings.vehicle, tuple(args.speeds)
+    trials = range(args.trials)
+    return [SpeedJob(study.plan, kind, args.seed, trial, name, units, *how) for kind in scenarios for trial in trials]
 
 
 def spread(kept: list[Placement], count: int) -> list[Placement]:

@@ -20,7 +20,7 @@ from pcdet_avp.closed_loop.sweep.arguments import sweep_meta, sweep_of
 from pcdet_avp.closed_loop.sweep.summary import crash_text, summary, write_results
 from pcdet_avp.closed_loop.sweep.sweep import run_sweep
 from pcdet_avp.closed_loop.video.video_sweep import write_sweep_videos
-from pcdet_avp.sim.scenarios.table import SCENARIOS
+from pcdet_avp.sim.scenarios.table import ON_PLAN, SCENARIOS
 
 SPEEDS_MPS = (3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0)
 
@@ -28,6 +28,7 @@ SPEEDS_MPS = (3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0)
 def parse_arguments() -> argparse.Namespace:
     parser = config_parser("Closed-loop safety.", default="cfgs/avp/cp_full.yaml", weights=True)
     parser.add_argument("--scenario", required=True, metavar="S", help=f"{', '.join(SCENARIOS)}, or module:name")
+    parser.add_argument("--plan", type=path_text, metavar="FILE", help="find the scenario's sites in a garage's plan")
     parser.add_argument("--perception", required=True, metavar="P", help=f"{', '.join(PERCEPTIONS)}, or module:name")
     parser.add_argument("--ckpt", type=path_text, help=f"for --perception model: {CKPT_HELP}")
     parser.add_argument("--use_amp", action="store_true", help="compute in bf16; a tenth faster on CPUs that have it")
@@ -48,8 +49,10 @@ def parse_arguments() -> argparse.Namespace:
 
 def main() -> None:
     args, started = parse_arguments(), time.time()
+    if args.plan:
+        args.scenario = f"{args.scenario}{ON_PLAN}{args.plan}"
     sweep = sweep_of(args, Path("cfgs", "closed_loop.yaml"))
-    out = args.out or Path("output", "safety_eval", f"{sweep.scenario}_{sweep.perception}")
+    out = args.out or Path("output", "safety_eval", f"{_folder(sweep.scenario)}_{sweep.perception}")
     finished = run_sweep(sweep, out, args.workers, args.scheduler)
     write_results(out, finished, sweep_meta(args, sweep, started))
     rows = [finished[case][0] for case in sorted(finished) if case.scenario == sweep.scenario]
@@ -58,6 +61,12 @@ def main() -> None:
     print(f"\nwrote {write_report(out)}")
     for file in write_sweep_videos(sweep, finished, out / "videos") if args.video else ():
         print(f"wrote {file}")
+
+
+def _folder(scenario: str) -> str:
+    """A scenario's name as a folder's: with the plan's name where it plays on one."""
+    short, _, plan = scenario.partition(ON_PLAN)
+    return f"{short}_{Path(plan).stem}" if plan else short
 
 
 run = partial(run_tool, main)

@@ -20,7 +20,9 @@ def find_candidates(floor: Floor, count: int) -> tuple[Mount, ...]:
     listed = list(floor.mounts)
     generated = [*_on_ceiling(floor), *_on_pillars(floor), *_on_walls(floor)]
     chosen = _spread(listed, generated, count)
-    return tuple(Mount(m.id if m in listed else f"{m.on}_{k}", m.x, m.y, m.z, m.on, m.yaws) for k, m in enumerate(chosen))
+    return tuple(
+        Mount(m.id if m in listed else f"{m.on}_{k}", m.x, m.y, m.z, m.on, m.yaws) for k, m in enumerate(chosen)
+    )
 
 
 def _height(floor: Floor) -> float:

@@ -4,8 +4,8 @@ Weighted maximum coverage. C options (a place, a direction, a set of sensors), E
 weight the share of all dangerous moments that it stands for); an element is covered if any chosen option covers it.
 At most ``units`` options are chosen, and at most ``budget`` is spent.
 
-Bounds on what any choice can cover: ``gains_bound`` (coverage has diminishing returns), ``lagrange_bound`` (each element
-pays the options that cover it; the best prices give the bound of the linear relaxation), and the MILP's own.
+Bounds on what any choice can cover: ``gains_bound`` (coverage has diminishing returns), ``lagrange_bound`` (each
+element pays the options that cover it; the best prices give the bound of the linear relaxation), and the MILP's own.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class Coverage:
 
 
 def joined(coverage: Coverage) -> Coverage:
-    """The same problem, elements that exactly the same options cover as one, those without weight or option left out."""
+    """The same problem: elements that exactly the same options cover are one, those that do not count are left out."""
     useful = np.flatnonzero((coverage.weights > 0) & coverage.covers.any(0))
     packed = np.packbits(coverage.covers[:, useful], axis=0).T
     keys = np.ascontiguousarray(packed).view([("", packed.dtype)] * packed.shape[1]).ravel()

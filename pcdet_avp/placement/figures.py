@@ -71,8 +71,11 @@ def heat_map(sight: Sight, covered: np.ndarray, units: Sequence[Unit], title: st
 
 def front_figure(placements: Sequence[Placement], kept: Sequence[Placement], driven: dict, file: Path) -> Path:
     """Cost against coverage: all placements, the front, the worst occupancy, one sensor dead; safe speed below."""
-    figure = Figure(figsize=(8.4, 6.4), layout="constrained")
-    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+    figure = Figure(figsize=(8.4, 6.4 if driven else 4.2), layout="constrained")
+    drawn = figure.subplots(
+        2 if driven else 1, 1, sharex=True, squeeze=False, height_ratios=(3, 2)[: 2 if driven else 1]
+    )
+    upper, lower = drawn[0, 0], drawn[-1, 0]
     upper.plot(*_points(placements, "share"), "o", color="#c3cad4", ms=4, label="other placements")
     styles = {"share": ("-o", "#0a5aa8", "mean of all occupancies"), "worst": (":v", "#0a5aa8", "worst occupancy")}
     styles["one_dead"] = ("--s", "#c2410c", "one sensor dead")
@@ -86,8 +89,9 @@ def front_figure(placements: Sequence[Placement], kept: Sequence[Placement], dri
         lower.plot(cost, whole, "-o", color="#0b6e4f", ms=5, label="all sensors")
         lower.plot(cost, dead, "--s", color="#c2410c", ms=4, label="one sensor dead")
         lower.legend(fontsize=8, loc="lower right")
-    lower.set(xlabel="cost (1000 euro)", ylabel="safe speed (m/s)", ylim=(0, 10.8))
-    for axes in (upper, lower):
+        lower.set(ylabel="safe speed (m/s)", ylim=(0, 10.8))
+    lower.set_xlabel("cost (1000 euro)")
+    for axes in drawn[:, 0]:
         axes.grid(alpha=0.3)
     return save_figure(figure, file, dpi=120)
 

@@ -61,7 +61,7 @@ def _member(sight: Sight, placement: Placement, speeds: tuple[float, float] | No
         "safe_speed": speeds and speeds[0],
         "safe_speed_one_dead": speeds and speeds[1],
         "bytes_per_s": sum(sight.models.bytes_per_s(option.sensors) for option in placement.options),
-        "units": [_unit(sight, option, unit) for option, unit in zip(placement.options, sight.units(placement.options))],
+        "units": [_unit(sight, *each) for each in zip(placement.options, sight.units(placement.options), strict=True)],
     }
 
 
@@ -140,9 +140,9 @@ def _summary(content, member, speeds: Speeds, chosen: Placement) -> str:
     units = f"{count} roadside unit{'s' if count != 1 else ''}"
     drives = "" if chosen not in speeds else f" With them no drive crashed up to **{speeds[chosen][0]:g} m/s**."
     return (
-        f"In {100 * content['hidden_share']:.0f} % of the moments looked at, the driving car cannot see the road user who "
-        f"might come out. {units} for {member['cost']:,.0f} euro cover **{100 * member['coverage']:.0f} %** of these "
-        f"moments, {100 * member['coverage_worst_occupancy']:.0f} % in the worst occupancy.{drives}"
+        f"In {100 * content['hidden_share']:.0f} % of the moments looked at, the driving car cannot see the road user "
+        f"who might come out. {units} for {member['cost']:,.0f} euro cover **{100 * member['coverage']:.0f} %** of "
+        f"these moments, {100 * member['coverage_worst_occupancy']:.0f} % in the worst occupancy.{drives}"
     )
 
 
@@ -168,8 +168,8 @@ def _front_caption(speeds: Speeds) -> str:
 
 def _blind_section(before: Path, after: Path) -> Section:
     text = (
-        "Lanes: how many road users are hidden, on average, where they would come out at that metre. Slots: in what share "
-        "of the moments somebody beside the slot is hidden. White means none."
+        "Lanes: how many road users are hidden, on average, where they would come out at that metre. Slots: in what "
+        "share of the moments somebody beside the slot is hidden. White means none."
     )
     parts = [
         _plot(before, "Heat map of blind spots without roadside units", "Hidden from the driving car."),
@@ -193,10 +193,10 @@ def _table_section(content, member) -> Section:
     head = "| unit | x (m) | y (m) | height (m) | looks to (deg) | down (deg) | hangs on | sensors | price (euro) |"
     lines = [head, "|---|---|---|---|---|---|---|---|---|"]
     for unit in member["units"]:
-        lines.append(
-            f"| {unit['id']} | {unit['x_m']:.2f} | {unit['y_m']:.2f} | {unit['height_m']:.2f} | {unit['yaw_deg']:.0f} | "
-            f"{unit['pitch_down_deg']:.0f} | {unit['on']} ({unit['mount']}) | {KIND[unit['sensors']]} | {unit['price']:,.0f} |"
-        )
+        place = " | ".join(f"{unit[key]:.2f}" for key in ("x_m", "y_m", "height_m"))
+        angles = f"{unit['yaw_deg']:.0f} | {unit['pitch_down_deg']:.0f}"
+        what = f"{unit['on']} ({unit['mount']}) | {KIND[unit['sensors']]} | {unit['price']:,.0f}"
+        lines.append(f"| {unit['id']} | {place} | {angles} | {what} |")
     rate = 8 * member["bytes_per_s"] / 1e6
     caption = (
         f"To hand to an installer: x and y as in the plan, directions counter-clockwise from +x. Together "
@@ -223,9 +223,7 @@ def _method_section(content) -> Section:
         values = " | ".join(f"{100 * each[key]:.1f} %" for key in ("greedy", "best", "bound", "gap"))
         lines.append(f"| {each['sensors']} | {each['units']} | {values} | {each['method']} |")
     text = (
-        "A line of sight is free if a ray to the road user's body meets neither building nor parked car. Sensors count what "
-        "a body covers of their image or beams. No placement of so many units can cover more than the bound."
+        "A line of sight is free if a ray to the road user's body meets neither building nor parked car. Sensors count "
+        "what a body covers of their image or beams. No placement of so many units can cover more than the bound."
     )
     return Section("How good the choice is", text, parts=[Table("Share of the hidden moments covered.", lines)])
-
-

@@ -1,6 +1,6 @@
 """How fast a car may drive past a placement: the closed loop with ideal perception from the sensors' places.
 
-A job drives one trial (one site with its people or vehicle) with one placement, faster and faster until the first crash.
+A job drives one trial (one site with its people or vehicle) with one placement, ever faster until the first crash.
 The safe speed of a placement is the highest speed up to which no trial of any scenario crashed.
 """
 

@@ -1,6 +1,7 @@
-"""Models of roadside sensors: what they see, how they are pitched by their height, what they cost (cfgs/placement.yaml).
+"""Models of roadside sensors: what they see, how they are pitched by their height, what they cost.
 
-Prices are assumptions of ours, to be replaced by an operator's own. Angles in radians, lengths in metres.
+Settings: cfgs/placement.yaml. Prices are assumptions of ours, to be replaced by an operator's own. Angles in radians,
+lengths in metres.
 """
 
 from __future__ import annotations

@@ -115,7 +115,7 @@ def _arms(floor: Floor, before_m: tuple[float, ...]) -> list[tuple[Spot, int, fl
 
 
 def incoming(floor: Floor, junction: Junction) -> list[tuple[Lane, float, float]]:
-    """Lanes whose traffic comes into a junction: lane, place along it where the junction's middle is, heading there."""
+    """Lanes that lead into a junction: lane, place along it of the junction's middle, heading there (rad)."""
     lanes = [lane for lane in floor.lanes if lane.road in junction.roads]
     found = []
     for lane in lanes:
@@ -138,7 +138,7 @@ def ego_poses(floor: Floor, spots: Spots, ahead_m: tuple[float, ...]) -> np.ndar
 
 
 def body_points(eyes: np.ndarray, xy: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """(N, RAYS, 3) points on the bodies of road users at xy (N, 2), spread across the line of sight from eyes (N, 3)."""
+    """(N, RAYS, 3) points on the bodies of road users at xy (N, 2), spread square to the line from eyes (N, 3)."""
     offset = xy - eyes[:, :2]
     across = np.stack([-offset[:, 1], offset[:, 0]], 1) / np.maximum(np.hypot(*offset.T), 1e-6)[:, None]
     points = [

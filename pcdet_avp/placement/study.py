@@ -45,7 +45,9 @@ def claim_folder(study: Study, out: Path, floor: str) -> None:
             raise RecordError(f"{file}: not JSON ({error})") from error
         for name, value in content.items():
             if held.get(name) != value:
-                raise RecordError(f"{file}: holds a study with another {name}; choose another --out or remove the folder")
+                raise RecordError(
+                    f"{file}: holds a study with another {name}; choose another --out or remove the folder"
+                )
     write_json(file, content)
 
 
@@ -74,14 +76,14 @@ def _read(file: Path) -> OccupancyView:
         raise RecordError(f"{file}: cannot be read ({error}); remove it, and it is made anew") from error
 
 
-def all_speeds(
-    jobs: Sequence[SpeedJob], out: Path, workers: int, scheduler: str | None = None
-) -> list[SpeedResult]:
+def all_speeds(jobs: Sequence[SpeedJob], out: Path, workers: int, scheduler: str | None = None) -> list[SpeedResult]:
     """What the jobs give; those whose line is in the journal are not driven again."""
     journal = _Journal(out / EPISODES)
     missing = [job for job in jobs if job_key(job) not in journal.results]
     with tqdm(total=len(jobs), initial=len(jobs) - len(missing), unit="trial", desc="driving") as bar:
-        for key, result in run_tasks(_keyed_drive, sorted(missing, key=lambda j: (j.scenario, j.trial)), workers, scheduler):
+        for key, result in run_tasks(
+            _keyed_drive, sorted(missing, key=lambda j: (j.scenario, j.trial)), workers, scheduler
+        ):
             journal.add(key, result)
             bar.update()
     return [journal.results[job_key(job)] for job in jobs]
@@ -115,11 +117,11 @@ class _Journal:
             entry: dict[str, Any] = json.loads(line)
             self.results[entry.pop("key")] = SpeedResult(**entry)
         except (ValueError, KeyError, TypeError) as error:
-            raise RecordError(f"{self.file}: a line is no trial of this version ({error!r}); remove the file") from error
+            raise RecordError(
+                f"{self.file}: a line is no trial of this version ({error!r}); remove the file"
+            ) from error
 
     def add(self, key: str, result: SpeedResult) -> None:
         with self.file.open("a") as stream:
             stream.write(json.dumps({"key": key, **asdict(result)}) + "\n")
         self.results[key] = result
-
-

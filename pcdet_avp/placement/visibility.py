@@ -130,7 +130,9 @@ def _hidden(study: Study, tracer: RayTracer) -> np.ndarray:
     eyes = np.concatenate([poses[:, :2], np.full((len(poses), 1), EGO_CAMERA_Z_M)], 1)
     share = clear_points(tracer, eyes, *_bodies(site, numbers)).mean(1)
     models = settings.sensors
-    seen = share * camera_pixels(models, eyes, poses[:, 2], 0.0, *_bodies(site, numbers), hfov=EGO_HFOV) >= models.pixels
+    seen = (
+        share * camera_pixels(models, eyes, poses[:, 2], 0.0, *_bodies(site, numbers), hfov=EGO_HFOV) >= models.pixels
+    )
     if "L" in settings.vehicle:  # all round, at nearly the camera's height: the same lines of sight
         distance = np.hypot(*(site.spots.xy[numbers] - eyes[:, :2]).T)
         seen |= (share > 0) & (distance < models.range_m)
@@ -140,7 +142,13 @@ def _hidden(study: Study, tracer: RayTracer) -> np.ndarray:
 
 
 def camera_pixels(
-    models: SensorModels, eyes: np.ndarray, yaw, pitch_down, xy: np.ndarray, sizes: np.ndarray, hfov: float | None = None
+    models: SensorModels,
+    eyes: np.ndarray,
+    yaw,
+    pitch_down,
+    xy: np.ndarray,
+    sizes: np.ndarray,
+    hfov: float | None = None,
 ) -> np.ndarray:
     """(N,) pixels that unhidden bodies at xy (N, 2) cover in cameras at eyes (N, 3); 0 where the body's middle is
     outside the image. yaw and pitch_down: rad, one or (N,)."""

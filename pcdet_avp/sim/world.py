@@ -1,7 +1,7 @@
 """The garage with every road user in it at one time; it advances in time and answers rays.
 
-In a drawn garage the mast stands at the world's origin and faces -x; on a plan's floor the roadside unit stands where it
-is put. The ego's own car is in the roadside unit's scene and not in its own.
+In a drawn garage the mast stands at the world's origin and faces -x; on a plan's floor the roadside unit
+stands where it is put. The ego's own car is in the roadside unit's scene and not in its own.
 """
 
 from __future__ import annotations

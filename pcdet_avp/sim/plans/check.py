@@ -64,7 +64,10 @@ def _reach(floor: Floor) -> Iterator[Problem]:
     for k, slot in enumerate(floor.slots):
         if not any(_open_side(floor, slot, way, solids, np.delete(taken, k, 0)) for way in _ways_in(slot)):
             line = _line(floor, "slots", k)
-            yield line, f"slot {_at(slot)} cannot be reached: no road within {MOUTH_M:g} m of its mouth, or not past walls"
+            yield (
+                line,
+                f"slot {_at(slot)} cannot be reached: no road within {MOUTH_M:g} m of its mouth, or not past walls",
+            )
 
 
 def _ways_in(slot) -> list[np.ndarray]:
@@ -138,7 +141,10 @@ def _units(floor: Floor) -> Iterator[Problem]:
         if yaws and np.abs(np.cos(np.array(yaws) - unit.yaw) - 1).min() > 1e-3:
             allowed = ", ".join(f"{np.degrees(yaw):g}" for yaw in yaws)
             found = f"found {np.degrees(unit.yaw):g}"
-            yield _line(floor, "units", k), f"unit {unit.id!r}: expected a yaw of its mount ({allowed} degrees), {found}"
+            yield (
+                _line(floor, "units", k),
+                f"unit {unit.id!r}: expected a yaw of its mount ({allowed} degrees), {found}",
+            )
 
 
 def _at(slot) -> str:

@@ -1,5 +1,5 @@
-"""The closed loop's scenarios on a plan's floor: pedestrians who step out of gaps beside any straight lane, and vehicles
-that come out of any arm of a T-junction or crossing.
+"""The closed loop's scenarios on a plan's floor: pedestrians who step out of gaps beside any straight lane, and
+vehicles that come out of any arm of a T-junction or crossing.
 
 Trials take the floor's sites in turn, so that all of them are driven. The rules are those of the drawn garages
 (``crossing``, ``junction``): who walks is released so that they would meet the ego in its lane's middle, give or take
@@ -303,7 +303,9 @@ def _draw_junction_plan(floor: Floor, seed: int, trial: int) -> JunctionOnPlan:
     reached = distance[np.flatnonzero(inside)[[0, -1]]]
     lighting = draw_lighting(layout.lamps, rng)
     times = float(reached[0]), float(reached[1])
-    return JunctionOnPlan(layout, lighting, tuple(parked.values()), spec, conflict.way, conflict.junction, *times, offset)
+    return JunctionOnPlan(
+        layout, lighting, tuple(parked.values()), spec, conflict.way, conflict.junction, *times, offset
+    )
 
 
 PLAN_SCENARIOS = {"pedestrian": pedestrian_on_plan, "t_junction": junction_on_plan}

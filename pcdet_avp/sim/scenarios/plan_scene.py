@@ -49,7 +49,7 @@ def draw_on_plan(rng: np.random.Generator, cfg: SceneConfig, plan: Plan) -> tupl
 
 
 def _draw_ego(rng, cfg: SceneConfig, floor: Floor, unit: Unit, zone: EgoZone, duration: float) -> Route:
-    """Along a lane, a little off its middle, from a place in the zone; where the floor has none, from the best found."""
+    """Along a lane, a little off its middle, from a place in the zone, or the nearest to it that is found."""
     best, least = None, np.inf
     lanes = floor.lanes
     lengths = np.array([lane.path.length for lane in lanes])

@@ -1,4 +1,4 @@
-"""Where a plan's floor lets episodes happen: straight approaches along its lanes, gaps beside them, ways through junctions.
+"""Where episodes happen on a plan's floor: straight approaches along its lanes, gaps beside them, junctions.
 
 The world of an episode is the floor moved into the frame of its approach: the ego drives along y = 0 towards +x, the
 straight piece of its lane begins at x = 0. Before that the ego comes round a bend or out of a slot; until perception
@@ -95,7 +95,7 @@ class Way:
 
 @lru_cache(maxsize=16)
 def ways_through(floor: Floor) -> tuple[Way, ...]:
-    """All ways through a floor's T-junctions and crossings from one lane into a lane of another road, or straight on."""
+    """All ways through a floor's junctions from one lane into a lane of another road, or straight on."""
     return tuple(
         way
         for junction in floor.junctions
@@ -163,5 +163,3 @@ def cut_path(path: Path, begin: float, end: float) -> Path:
 def gap_point(gap: np.ndarray, deep_m: float) -> tuple[float, float]:
     """The point so deep inside a gap (4,)."""
     return float(gap[0] + deep_m * gap[2]), float(gap[1] + deep_m * gap[3])
-
-

@@ -19,9 +19,7 @@ RIGHT_TURN_RADIUS_M = (2.6, 3.2)  # tighter, or the inner rear wheel meets the c
 MANOEUVRES = {"exit_left": 0.5, "exit_right": 0.12, "enter_right": 0.15, "enter_left": 0.13, "wait_to_exit": 0.1}
 
 
-def draw_parked(
-    rng: np.random.Generator, layout: GarageLayout | FloorLayout, occupancy: float
-) -> dict[Slot, Car]:
+def draw_parked(rng: np.random.Generator, layout: GarageLayout | FloorLayout, occupancy: float) -> dict[Slot, Car]:
     """Each slot holds a car with probability ``occupancy``; object ids count from 0."""
     slots = [slot for slot in layout.slots if rng.random() < occupancy]
     specs = [_draw_fitting(rng, slot) for slot in slots]

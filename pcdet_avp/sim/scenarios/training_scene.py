@@ -57,8 +57,8 @@ class TrainingScene:
 
 
 def draw_training_scene(rng: np.random.Generator, cfg: SceneConfig | None = None) -> TrainingScene:
-    """A scene drawn from the ranges of ``cfg``; everything in it follows from ``rng``. With ``cfg.plan`` it plays in that
-    file's garage, else in one that is drawn."""
+    """A scene drawn from the ranges of ``cfg``; everything in it follows from ``rng``. With
+    ``cfg.plan`` it plays in that file's garage, else in one that is drawn."""
     cfg = cfg or SceneConfig()
     if cfg.plan is not None:
         return TrainingScene(*draw_on_plan(rng, cfg, cached_plan(cfg.plan)))
