@@ -60,17 +60,23 @@ def known_name(key: str, above: Sequence[str]) -> str:
 def completed(generate: Mapping[str, Any]) -> dict[str, Any]:
     """GENERATE with every key of GARAGE and SCENE, those that it lacks at their defaults: for comparisons."""
     given = {name: _renamed(generate.get(name) or {}, name) for name in DEFAULTS}
+    generate = _without_no_plan(generate)
     return {**generate, **{name: {**DEFAULTS[name], **given[name]} for name in DEFAULTS}}
 
 
 def without_defaults(generate: Mapping[str, Any]) -> dict[str, Any]:
     """GENERATE as it was written before its GARAGE and SCENE were: only what differs from a default, in lower case."""
-    rest = {key: value for key, value in generate.items() if key not in DEFAULTS}
+    rest = {key: value for key, value in _without_no_plan(generate).items() if key not in DEFAULTS}
     for name, defaults in DEFAULTS.items():
         given = _renamed(generate.get(name) or {}, name)
         changed = {k.lower(): v for k, v in given.items() if k not in defaults or v != defaults[k]}
         rest |= {name: changed} if changed else {}
     return rest
+
+
+def _without_no_plan(generate: Mapping[str, Any]) -> dict[str, Any]:
+    """GENERATE as it was before it could name a plan, where it names none."""
+    return {key: value for key, value in generate.items() if key != "PLAN" or value is not None}
 
 
 def _renamed(section: Mapping[str, Any], name: str) -> dict[str, Any]:

@@ -150,14 +150,15 @@ def camera_pixels(
     sizes: np.ndarray,
     hfov: float | None = None,
 ) -> np.ndarray:
-    """(N,) pixels that unhidden bodies at xy (N, 2) cover in cameras at eyes (N, 3); 0 where the body's middle is
-    outside the image. yaw and pitch_down: rad, one or (N,)."""
+    """(N,) pixels that unhidden bodies at xy (N, 2), upright boards that face the camera, cover in cameras at eyes
+    (N, 3); 0 where the body's middle is outside the image. yaw and pitch_down: rad, one or (N,)."""
     focal = models.width / 2 / np.tan((hfov or models.hfov) / 2)
     ahead, left, up = _in_sensor(eyes, yaw, pitch_down, xy, sizes)
     with np.errstate(divide="ignore", invalid="ignore"):
         inside = (ahead > 0.1) & (np.abs(left / ahead) * focal < models.width / 2)
         inside &= np.abs(up / ahead) * focal < models.height / 2
-        area = sizes[:, 0] * sizes[:, 1] * (focal / ahead) ** 2
+        # An element of area dA with normal n at r covers focal^2 |n r| / depth^3 dA; n is level and points to the eye.
+        area = sizes[:, 0] * sizes[:, 1] * focal**2 * np.hypot(*(xy - eyes[:, :2]).T) / ahead**3
     return np.where(inside, area, 0.0)
 
 
@@ -173,7 +174,8 @@ def lidar_returns(
     inside = (np.abs(azimuth) < models.azimuth_span / 2) & (elevation > low) & (elevation < high)
     inside &= distance < models.range_m
     columns = sizes[:, 0] / np.maximum(flat, 0.1) / (models.azimuth_span / models.columns)
-    beams = sizes[:, 1] / np.maximum(distance, 0.1) / ((high - low) / (models.beams - 1))
+    level = np.hypot(*(xy - eyes[:, :2]).T) / np.maximum(distance, 0.1)  # an upright board is seen foreshortened
+    beams = sizes[:, 1] * level / np.maximum(distance, 0.1) / ((high - low) / (models.beams - 1))
     return np.where(inside, columns * beams, 0.0)
 
 
