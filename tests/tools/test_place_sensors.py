@@ -2,6 +2,7 @@
 
 import json
 import sys
+from itertools import pairwise
 
 import pytest
 from plan_files import STRAIGHT, written
@@ -31,7 +32,7 @@ def test_a_placement_and_its_page(tmp_path, load_tool, monkeypatch):
     front = found["front"]
     assert front[0]["units"] == []
     assert front[0]["coverage"] == 0.0
-    for cheaper, dearer in zip(front, front[1:], strict=False):
+    for cheaper, dearer in pairwise(front):
         assert cheaper["cost"] < dearer["cost"]
         assert cheaper["coverage"] < dearer["coverage"]
     for member in front:

@@ -10,6 +10,8 @@ from pcdet_avp.sim.plans.floor import from_axes, in_axes, nearest
 from pcdet_avp.sim.plans.read import read_plan
 from pcdet_avp.structures.pose import Pose
 
+ROWS = "    rows:\n      - "
+
 
 @pytest.mark.parametrize("file", SHIPPED, ids=lambda file: file.stem)
 def test_shipped_plans_have_no_problem(file):
@@ -40,7 +42,7 @@ def test_slots_of_an_angled_row(tmp_path):
 
 
 def test_bays_begin_and_end_with_pillars(tmp_path):
-    row = "    rows:\n      - {road: main, side: right, s_m: 2, count: 4, width_m: 2.5, length_m: 5, bay: 2, pillar_m: 0.4}\n"
+    row = ROWS + "{road: main, side: right, s_m: 2, count: 4, width_m: 2.5, length_m: 5, bay: 2, pillar_m: 0.4}\n"
     floor = parsed(tmp_path, more=row)
     assert [p.x for p in floor.pillars] == pytest.approx([2.2, 2.2 + 5.4, 2.2 + 10.8])
     assert [s.x for s in floor.slots] == pytest.approx([3.65, 6.15, 9.05, 11.55])
