@@ -44,7 +44,7 @@ class Profile:
         return self.half * (1 - front - rear)
 
     def shoulder(self, x: np.ndarray) -> np.ndarray:
-        """Height of the belt, the bonnet's edge and the boot's edge (m above the floor) at x (n,) in m from the centre."""
+        """Height of the belt, the bonnet's edge and the boot's edge (m above the floor) at x (n,) in m."""
         s, h, half = self.shape, self.height, self.length / 2
         belt = np.interp(x, [self.tail_glass, self.cowl], [s.deck_z * h, s.cowl_z * h - 0.03]) + self.belt_shift
         forward = np.clip((x - self.cowl) / (half - self.cowl), 0, 1)
