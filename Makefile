@@ -7,7 +7,7 @@ MINUTES ?= 3
 BIN := $(VENV)/bin
 export OMP_NUM_THREADS ?= 2
 
-.PHONY: help run test test-slow lint typecheck setup clean
+.PHONY: help run test test-slow lint typecheck docs setup clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/'
@@ -36,6 +36,11 @@ lint: setup  ## ruff
 
 typecheck: setup  ## mypy on structures, link, evaluation and datasets
 	$(BIN)/mypy
+
+# The variable silences the end-of-life notice of mkdocs-material, which is no warning about these pages.
+docs: setup  ## the documentation as a site in output/site; any warning fails
+	$(BIN)/pip install -q -e ".[docs]" -c constraints.txt
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 clean:  ## remove the environment; data and output stay
 	rm -rf $(VENV)

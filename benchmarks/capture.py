@@ -26,7 +26,8 @@ from pcdet_avp.config import load_config
 from pcdet_avp.generate import scene_config
 from pcdet_avp.sim import rig as rig_module
 from pcdet_avp.sim.rays.ray_cache import StandingViews
-from pcdet_avp.sim.rays.raytracer import FAR_M, RayTracer, TriangleScene, ray_arrays
+from pcdet_avp.sim.rays.raytracer import FAR_M, RayTracer, TriangleScene
+from pcdet_avp.sim.rays.triangle_scene import ray_arrays
 from pcdet_avp.sim.rig import Rig, capture
 from pcdet_avp.sim.scenarios.training_scene import TrainingScene, draw_training_scene
 from pcdet_avp.sim.world import World

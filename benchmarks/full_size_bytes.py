@@ -91,7 +91,7 @@ def print_table(latents: list[dict[str, Tensor]], budget: int, room: int) -> Non
 
 
 def print_ages(latents: list[dict[str, Tensor]], precision: str) -> None:
-    """How busy both modalities keep the air at 20 Hz without loss, and how old the newest whole map is."""
+    """Share of air time that both modalities take at 20 Hz without loss, and age of the newest whole map."""
     print(f"\n{precision} at 20 Hz: " + "".join(f"{name:>14}" for name in ("air busy", "camera age", "lidar age")))
     for mcs in BYTES_PER_SLOT:
         room, way = NrV2xConfig(mcs=mcs).max_segment_bytes, Transmission(precision)

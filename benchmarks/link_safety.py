@@ -1,4 +1,4 @@
-"""How safe the car drives on a bad link: crashes of trials under block loss and under delay, the network at the wheel.
+"""Safety on a bad link: crashes of trials under block loss and under delay, the network at the wheel.
 
     python benchmarks/link_safety.py --cfg cfgs/avp/cp_small.yaml --ckpt F
     python benchmarks/link_safety.py --cfg C --ckpt F --combos C+CL,CL+CL --speeds 6 8 --trials 20 --loss 0 0.2 0.5 1

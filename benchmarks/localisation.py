@@ -1,4 +1,4 @@
-"""How far off the boxes are, by distance and sensor combination: why the strict AP of cameras is what it is.
+"""Localisation errors of boxes by distance and sensor set: why the strict AP of cameras is what it is.
 
     python benchmarks/localisation.py --cfg cfgs/avp/cp_small.yaml --ckpt F [--combos all] [--split test]
 
@@ -34,6 +34,7 @@ from pcdet_avp.engine.testing.run import load_network
 from pcdet_avp.evaluation import Detections, GroundTruth, Region
 from pcdet_avp.evaluation.average_precision import STRICT_IOU
 from pcdet_avp.evaluation.benchmark_table import markdown_table
+from pcdet_avp.evaluation.inputs import wedge_rows
 from pcdet_avp.files import make_folder, write_json, write_text
 from pcdet_avp.models.weights.checkpoint_file import THRESHOLDS_KEY
 from pcdet_avp.provenance import provenance
@@ -47,7 +48,7 @@ NARROW_SIDE_M = {"Car": 1.9, "Pedestrian": 0.375}
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """Of n objects: distance from the vehicle, and the errors of the centre of those found, NaN where not found."""
+    """Errors of n objects: distance from the vehicle, and errors of the centre, NaN for those not found."""
 
     distance_m: np.ndarray
     along_m: np.ndarray
@@ -90,7 +91,7 @@ def collect(
     parts = []
     for truth, found in zip(truths, detections, strict=True):
         wanted = (found.names == name) & (found.scores >= min_score)
-        judged = (truth.names == name) & region.contains(truth.boxes)
+        judged = (truth.names == name) & region.contains(truth.boxes, wedge_rows([truth]))
         parts.append(errors_of(truth.boxes[judged], found.boxes[wanted]))
     columns = ([getattr(p, field) for p in parts] for field in ("distance_m", "along_m", "across_m"))
     return Errors(*(np.concatenate(column) for column in columns))

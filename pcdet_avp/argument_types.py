@@ -44,6 +44,7 @@ def _number(accepts: Callable[[float], bool], expected: str) -> Callable[[str], 
 
 
 positive_int = _whole(1)
+column_count = _whole(4)  # x, y, z, intensity and more
 non_negative_int = _whole(0)
 positive_float = _number(lambda value: value > 0, "a number above 0")
 non_negative_float = _number(lambda value: value >= 0, "0 or a number above it")
@@ -61,5 +62,5 @@ def path(text: str) -> Path:
 
 
 def path_text(text: str) -> str:
-    """As ``path``, as text."""
+    """The same as ``path``, as text."""
     return str(path(text))

@@ -23,6 +23,7 @@ import yaml
 from easydict import EasyDict
 
 from pcdet_avp import shipped
+from pcdet_avp.config_scenes import known_name, without_defaults
 from pcdet_avp.errors import ConfigError
 
 BASE_KEY = "_BASE_CONFIG_"
@@ -88,6 +89,9 @@ def _expand(content: dict, path: Path, chain: tuple[Path, ...], prefix: str) -> 
             continue
         if not isinstance(key, str):
             raise ConfigError(f"{path}: keys must be text, found {key!r} under {prefix or 'the top'}")
+        key = known_name(key, prefix.split(".")[:-1])
+        if key in own:
+            raise ConfigError(f"{path}: {prefix}{key} is given twice, in capitals and in lower case")
         if isinstance(value, dict):
             value = _expand(value, path, chain, f"{prefix}{key}.")
         elif key in PATH_KEYS and isinstance(value, str):
@@ -159,6 +163,7 @@ def _child(holder: Any, part: str, key: str, above: list[str]) -> str | int:
         raise ConfigError(f"--set {key}: {where} is a list of {len(holder)} items, {part!r} is not an index of it")
     if not isinstance(holder, dict):
         raise ConfigError(f"--set {key}: {where} is {_kind(holder)}, it has no key {part!r}")
+    part = known_name(part, above)
     if part not in holder:
         raise ConfigError(f"--set {key}: {where} has no key {part!r}; {_near(part, holder)}")
     return part
@@ -185,7 +190,7 @@ def _overlay(old: dict, new: dict, key: str) -> dict:
     """``old`` with the entries of ``new``, each checked like an override of its own."""
     merged = copy.deepcopy(old)
     for name, value in new.items():
-        _child(merged, name, f"{key}.{name}", key.split("."))
+        name = _child(merged, name, f"{key}.{name}", key.split("."))
         merged[name] = _typed(merged[name], yaml.safe_dump(value, default_flow_style=True), f"{key}.{name}")
     return merged
 
@@ -219,16 +224,20 @@ def plain(value: Any) -> Any:
 
 
 def config_hash(cfg: dict) -> str:
-    """16 hexadecimal digits that change with any value but not with key order or with where the data lie."""
-    text = json.dumps(_without_paths(cfg), sort_keys=True, separators=(",", ":"), default=str)
+    """16 hexadecimal digits that change with any value, but not with key order or with where the data lie.
+
+    Settings of generated scenes count where they differ from their defaults, whether or not they are written out.
+    """
+    text = json.dumps(_reduced(cfg), sort_keys=True, separators=(",", ":"), default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-def _without_paths(value: Any) -> Any:
+def _reduced(value: Any, key: str = "") -> Any:
     if isinstance(value, dict):
-        return {k: _without_paths(v) for k, v in value.items() if k not in PATH_KEYS}
+        value = without_defaults(value) if key == "GENERATE" else value
+        return {k: _reduced(v, k) for k, v in value.items() if k not in PATH_KEYS}
     if isinstance(value, list | tuple):
-        return [_without_paths(v) for v in value]
+        return [_reduced(v) for v in value]
     return value
 
 

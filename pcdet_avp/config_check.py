@@ -2,8 +2,7 @@
 anything starts.
 
 A key that no rule knows is an error that names the near ones: otherwise a misspelt one would be left out in silence.
-Below a section whose NAME is a class of the user's own, and below GENERATE.GARAGE and GENERATE.SCENE, whose keys the
-generator checks, any key may stand. Every number anywhere must be finite.
+Below a section whose NAME is a class of the user's own any key may stand. Every number anywhere must be finite.
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ def _leaves(value: Any, key: str, pattern: str) -> Iterator[tuple[str, Any, str]
 
 
 def _of_section(rules: Mapping[str, Rule], pattern: str) -> Rule | None:
-    """For a section that is null or empty, or of a class of the user's own."""
+    """The rule for a section that is null or empty, or of a class of the user's own."""
     return SECTION if any(name.startswith(f"{pattern}.") for name in rules) else None
 
 

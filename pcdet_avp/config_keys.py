@@ -46,6 +46,31 @@ LIDAR = {
     "RANGE_NOISE_M": FROM_0,
     "MATERIAL_INTENSITY": FLAG,
 }
+RANGE, SHARES, COUNTS = FROM_0.list_of(2), SHARE.list_of(2), COUNT_FROM_0.list_of(2)
+ZONE = {"SHARE": SHARE, "BEFORE_MAST_M": RANGE, "JUNCTION_SHARE": SHARE}
+COUNTED = ("IN_GAP", "CROSSING", "ALONG", "ON_SIDE_ROAD", "AT_JUNCTION", "SAME_LANE", "OPPOSITE_LANE")
+GARAGE = {
+    **{f"{name}_M": POSITIVE.list_of(2) for name in ("ROAD_LENGTH", "JUNCTION_BEFORE_MAST", "SIDE_ROAD_LENGTH")},
+    **{f"{name}_M": POSITIVE.list_of(2) for name in ("PILLAR_SIZE", "PARAPET", "CEILING", "LAMP_SPACING")},
+    "WALL_BEHIND_MAST_M": POSITIVE,
+    "PILLAR_SETBACK_M": FROM_0,
+    "SLOTS_PER_BAY": COUNT.list_of(2),
+    "DIM_LAMP_SHARE": SHARES,
+    "FAILED_LAMP_SHARE": SHARES,
+}
+SCENE = {
+    **{f"ZONES.*.{key}": rule for key, rule in ZONE.items()},
+    "EGO_SPEED_MPS": RANGE,
+    "OCCUPANCY": SHARES,
+    "GAP_DEPTH_M": POSITIVE,
+    "VIEW_M": POSITIVE,
+    **dict.fromkeys(COUNTED, COUNTS),
+}
+GENERATED_SCENES = {
+    f"GENERATE.{part}.{key}": rule
+    for part, rules in (("GARAGE", GARAGE), ("SCENE", SCENE))
+    for key, rule in rules.items()
+}
 DATA = {
     "DATASET": TEXT,
     "DATA_PATH": TEXT,
@@ -85,8 +110,7 @@ DATA = {
     "GENERATE.SCENES": COUNT,
     "GENERATE.FRAMES_PER_SCENE": COUNT,
     "GENERATE.FRAME_INTERVAL_S": POSITIVE,
-    "GENERATE.GARAGE": ANY,
-    "GENERATE.SCENE": ANY,
+    **GENERATED_SCENES,
     "GENERATE.SOURCES": NAMES.or_null(),
     "GENERATE.SPLIT.test": SHARE,
     "GENERATE.SPLIT.val": SHARE,
@@ -225,10 +249,6 @@ RULES: dict[str, Rule] = {
 }
 # Mappings that are one value.
 LEAVES = {
-    "DATA_CONFIG.GENERATE.GARAGE",
-    "DATA_CONFIG.GENERATE.SCENE",
-    "GENERATE.GARAGE",
-    "GENERATE.SCENE",
     "MODEL.POST_PROCESSING.SCORE_THRESH",
     "MODEL.POST_PROCESSING.NMS_CONFIG.NMS_THRESH",
 }

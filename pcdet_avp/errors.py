@@ -12,12 +12,16 @@ class ConfigError(AvpError):
     """A configuration file or a ``--set`` override is missing, malformed or names an unknown key."""
 
 
+class OutputError(AvpError):
+    """A file, picture, video or folder of results cannot be written."""
+
+
 class RegistryError(AvpError):
     """A name is unknown to a registry, or registered twice."""
 
 
 class GeometryError(AvpError):
-    """A pose, box, camera or grid has a wrong shape or values that cannot be."""
+    """A pose, box, camera or grid has a wrong shape or impossible values."""
 
 
 class RecordError(AvpError):
@@ -45,7 +49,7 @@ class PacketError(AvpError):
 
 
 class LinkError(AvpError):
-    """A link's parameters cannot be, a payload is too large for its blocks, or its clock ran backwards."""
+    """A link's parameters are impossible, a payload is too large for its blocks, or its clock ran backwards."""
 
 
 class PluginError(AvpError):

@@ -7,24 +7,24 @@ worker changes no byte. Frames that are already there are kept, so the same call
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
 
 from pcdet_avp.config import plain, require
+from pcdet_avp.config_scenes import scene_config
 from pcdet_avp.datasets.avp.layout import PARTIAL_SUFFIX
-from pcdet_avp.datasets.avp.made_by import check_made_by
+from pcdet_avp.datasets.avp.made_by import check_made_by, complete
 from pcdet_avp.datasets.avp.manifest import MANIFEST_FILE, Manifest, Scene, read_manifest, write_manifest
 from pcdet_avp.datasets.avp.record import clean_leftovers, has_frame, read_frame, write_frame
 from pcdet_avp.datasets.avp.splits import TEST_SHARE, VAL_SHARE, assign_splits
 from pcdet_avp.errors import ConfigError, RecordError
 from pcdet_avp.parallel import run_tasks
-from pcdet_avp.sim.layouts import GarageConfig
 from pcdet_avp.sim.rig import Rig, capture
-from pcdet_avp.sim.scenarios.training_scene import SceneConfig, draw_training_scene
+from pcdet_avp.sim.scenarios.training_scene import draw_training_scene
 from pcdet_avp.structures.frame import Frame
 from pcdet_avp.structures.sensor_set import SOURCES
 
@@ -113,29 +113,14 @@ def split_shares(settings: Mapping) -> tuple[float, float]:
     return float(shares["test"]), float(shares["val"])
 
 
-def scene_config(settings: Mapping) -> SceneConfig:
-    """From DATA_CONFIG.GENERATE; its SCENE and GARAGE parts override fields of the two dataclasses."""
-    garage = _overridden(GarageConfig(), settings.get("GARAGE", {}), "GARAGE")
-    scene = _overridden(SceneConfig(), settings.get("SCENE", {}), "SCENE")
-    times = {"frames": settings["FRAMES_PER_SCENE"], "frame_interval_s": float(settings["FRAME_INTERVAL_S"])}
-    return replace(scene, garage=garage, **times)
-
-
-def _overridden(defaults, overrides: Mapping, part: str):
-    known = [field.name for field in fields(defaults)]
-    unknown = sorted(set(overrides) - set(known))
-    if unknown:
-        raise ConfigError(f"DATA_CONFIG.GENERATE.{part}: unknown key {unknown[0]!r}; known: {', '.join(known)}")
-    return replace(defaults, **{k: tuple(v) if isinstance(v, Sequence) else v for k, v in overrides.items()})
-
-
 def _claim(root: Path, manifest: Manifest) -> None:
     """Write the manifest, unless another data set lies there already; clear what a killed run left behind."""
     if (root / MANIFEST_FILE).exists():
         found = read_manifest(root)
         check_made_by(found, manifest.generator, root)
+        held, ours = (replace(each, generator=complete(each.generator)) for each in (found, manifest))
         for name in ("seed", "generator", "scenes", "package_version"):
-            if getattr(found, name) != getattr(manifest, name):
+            if getattr(held, name) != getattr(ours, name):
                 raise RecordError(
                     f"{root / MANIFEST_FILE}: holds a data set with another {name}; choose another folder or remove it"
                 )
@@ -146,7 +131,7 @@ def _claim(root: Path, manifest: Manifest) -> None:
 
 
 def _refuse_foreign(root: Path) -> None:
-    """Nothing is ever written into a folder that holds something else."""
+    """RecordError if the folder holds something else: nothing is written there."""
     if root.exists() and not root.is_dir():
         raise RecordError(f"{root}: expected the folder of a data set, found a file")
     partial = f".{MANIFEST_FILE}{PARTIAL_SUFFIX}"  # all that a run that was killed at once leaves

@@ -1,4 +1,4 @@
-"""Our data set and detector as OpenPCDet's own kinds of them: ``isinstance`` says so to whoever asks.
+"""Our data set and detector as OpenPCDet's own kinds of them: ``isinstance`` says so.
 
 Importing this module imports OpenPCDet; ``pcdet_avp.plugin.register`` does it. The classes stand here, at the top of a
 module, so that other processes find them by name. Nothing of the templates computes anything of ours.

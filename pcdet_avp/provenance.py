@@ -1,4 +1,4 @@
-"""Where a number comes from: the ``meta`` part of every result file."""
+"""Provenance of figures: the ``meta`` part of every result file."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def command() -> str:
 
 
 def versions() -> dict[str, str]:
-    """Of Python, of this package and of what computes."""
+    """Versions of Python, of this package and of the libraries that compute."""
     found = {"python": platform.python_version(), "pcdet_avp": pcdet_avp.__version__}
     for name in PACKAGES:
         try:

@@ -2,8 +2,8 @@
 
 A class enters its table where it is defined, under a name that grep finds:
 
-    @VFE.register("PillarVFE")
-    class PillarVFE(nn.Module): ...
+    @VFE.register("DynamicPillars")
+    class DynamicPillars(nn.Module): ...
 
 and is looked up by the name of the YAML file: ``VFE[model_cfg.VFE.NAME]``.
 """

@@ -65,7 +65,7 @@ def places(name: str | os.PathLike, folder: Path | None = None) -> list[Path]:
 
 
 def not_found(name: str | os.PathLike, folder: Path | None = None) -> str:
-    """For an error, behind ``name``: where it was looked for, and names like it that exist."""
+    """The rest of an error message about ``name``: where it was looked for, and names like it that exist."""
     looked = " or ".join(str(place) for place in places(name, folder) if place != Path(name)) or "of this name"
     close = difflib.get_close_matches(Path(name).as_posix(), _known(Path(name).suffix), n=3, cutoff=0.5)
     return f"there is no file {looked}" + (f"; near ones: {', '.join(close)}" if close else "")

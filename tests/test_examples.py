@@ -17,15 +17,15 @@ def output_of(name, *arguments):
     return result.stdout
 
 
-def test_own_controller_is_compared_with_the_papers_law():
+def test_custom_controller_is_compared_with_the_papers_law():
     pytest.importorskip("gymnasium")
-    lines = output_of("own_controller", "--episodes", "1", "--speed", "6").splitlines()
-    assert [line[:15].strip() for line in lines] == ["the paper's law", "own controller"]
+    lines = output_of("custom_controller", "--episodes", "1", "--speed", "6").splitlines()
+    assert [line[:17].strip() for line in lines] == ["the paper's law", "custom controller"]
     assert "0/1 crashes" in lines[0]  # nobody is hit at 6 m/s by who knows everything
 
 
-def test_own_perception_sees_pedestrians_and_the_turning_vehicle():
-    text = output_of("own_perception", "--episodes", "1")
+def test_custom_perception_sees_pedestrians_and_the_turning_vehicle():
+    text = output_of("custom_perception", "--episodes", "1")
     assert [float(m) > 8 for m in re.findall(r"first detection ([\d.]+) m", text)] == [True, True]
     assert text.count("contact none") == 2
 

@@ -2,11 +2,12 @@
 
 import json
 import os
+from pathlib import Path
 
 import pytest
 
-from pcdet_avp.errors import ConfigError
-from pcdet_avp.files import make_folder, write_bytes, write_json
+from pcdet_avp.errors import OutputError
+from pcdet_avp.files import flat_name, make_folder, unlike_names, write_bytes, write_json
 
 
 def test_json_is_whole_or_absent(tmp_path):
@@ -24,18 +25,33 @@ def test_what_cannot_be_moved_into_place_leaves_the_old_file(tmp_path, monkeypat
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(os, "replace", fail)
-    with pytest.raises(ConfigError, match=r"a: cannot be written .No space left"):
+    with pytest.raises(OutputError, match=r"a: cannot be written .No space left"):
         write_bytes(tmp_path / "a", b"new")
     assert [(file.name, file.read_bytes()) for file in tmp_path.iterdir()] == [("a", b"old")]
 
 
 def test_a_place_that_cannot_be_is_named(tmp_path):
     (tmp_path / "file").touch()
-    with pytest.raises(ConfigError, match="file/run: cannot be written"):
+    with pytest.raises(OutputError, match="file/run: cannot be written"):
         write_bytes(tmp_path / "file" / "run", b"")
 
 
 def test_a_folder_that_cannot_be_made_is_named(tmp_path):
     (tmp_path / "file").touch()
-    with pytest.raises(ConfigError, match=r"file.* cannot make this folder"):
+    with pytest.raises(OutputError, match=r"file.* cannot make this folder"):
         make_folder(tmp_path / "file" / "run")
+
+
+def test_flat_names_of_records_stay_and_no_two_ids_share_one():
+    assert flat_name("scene_0000/000000") == "scene_0000_000000"
+    parts = ["lot", "lot_a", "a", "1", "a_1", "_", "a@1", "a%401", "@", "%40", "a_", "_a", "a__1"]
+    ids = [f"{scene}/{frame}" for scene in parts for frame in parts]
+    assert len({flat_name(frame_id) for frame_id in ids}) == len(ids)
+    assert not any("/" in flat_name(frame_id) for frame_id in ids)
+
+
+def test_files_of_one_stem_keep_names_of_their_own():
+    names = ["a.bin", "a.npy", "a.bin.bin", "b.pcd", "B.ply", "c.bin", "a.bin_2.bin", "a.npy.bin"]
+    found = unlike_names([Path(name) for name in names])
+    assert len({name.lower() for name in found}) == len(names)
+    assert found[5] == "c"

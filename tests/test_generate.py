@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -136,6 +137,19 @@ def test_a_second_run_finds_nothing_to_do(reference):
     assert digests(root) == before
 
 
+def test_a_data_set_of_a_time_before_the_scenes_settings_were_written_out_goes_on(reference, tmp_path):
+    """Commit c063a55 wrote neither GARAGE nor SCENE; its data set is finished, and with the bytes of today's."""
+    root = tmp_path / "old"
+    shutil.copytree(reference[0], root)
+    manifest = read_manifest(root)
+    old = {k: v for k, v in manifest.generator["GENERATE"].items() if k not in ("GARAGE", "SCENE")}
+    write_manifest(root, replace(manifest, complete=False, generator={**manifest.generator, "GENERATE": old}))
+    shutil.rmtree(next(root.glob("scenes/*/*")))
+    generate(load_config(CFG), root, frames=FRAMES, seed=SEED, workers=1)
+    assert digests(root) == digests(reference[0])
+    assert read_manifest(root).generator == manifest.generator
+
+
 def test_label_frames_read_no_sensor_data(reference):
     frames = list(label_frames(reference[0], read_manifest(reference[0])))
     assert len(frames) == FRAMES
@@ -216,7 +230,7 @@ def test_wrong_settings_name_the_key():
     cfg = load_config(CFG)
     with pytest.raises(ConfigError, match="at least one frame"):
         plan(cfg, frames=0)
-    with pytest.raises(ConfigError, match=r"GARAGE.*celing_m"):
+    with pytest.raises(ConfigError, match=r"GARAGE.*celing_m.*CEILING_M"):
         scene_config({**cfg.GENERATE, "GARAGE": {"celing_m": [3, 4]}})
     del cfg["SENSORS"]
     with pytest.raises(ConfigError, match="SENSORS"):

@@ -69,8 +69,8 @@ def _row(mcs, loss, modality, blocks, arrived, busy) -> AgeRow:
 
 
 def _closed_form(loss: float, modality: str, blocks: Mapping[str, Sequence[int]]) -> float | None:
-    """With the mean number of blocks; the modality that is handed over second waits for the first. None where the air
-    cannot carry both, or no map arrives whole."""
+    """Mean age for the mean number of blocks; the modality that is handed over second waits for the first. None if the
+    air cannot carry both, or if no map arrives whole."""
     before = list(blocks)[: list(blocks).index(modality)]
     air_s = SLOT_S * sum(float(np.mean(blocks[name])) for name in (*before, modality))
     share = float(np.mean((1 - loss) ** np.array(blocks[modality], float)))

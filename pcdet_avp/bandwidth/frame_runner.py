@@ -89,7 +89,7 @@ class _Frame:
         return self.model.post_processing
 
     def alone(self, sensors: SensorSet) -> Boxes:
-        """From the vehicle's own sensors, as the network runs where there is no roadside."""
+        """Detections from the vehicle's own sensors, as the network runs without a roadside unit."""
         batch = self.with_sources(SensorSet(sensors.ego_camera, sensors.ego_lidar, False, False))
         return self.post_process(self.model.fuse_and_detect(self.model.codec.compress(batch)))
 
@@ -113,7 +113,7 @@ class _Frame:
         return moved(got, self.ego_from_infra).like(self.batch["ego_from_infra"])
 
     def fused(self, sensors: SensorSet, latents: Mapping[str, Latent], ego_from_infra: Tensor) -> Boxes:
-        """From what the vehicle has and has received; computed once for equal inputs."""
+        """Detections from the vehicle's own maps and those that it received; computed once for equal inputs."""
         latents = {source: latent for source, latent in latents.items() if source in sensors.sources}
         key = (sensors, _fingerprint(ego_from_infra), *((s, _fingerprint(*_tensors(x))) for s, x in latents.items()))
         if key not in self._found:

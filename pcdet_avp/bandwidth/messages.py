@@ -99,5 +99,5 @@ def quantisation_rows(study: Study, evaluator, rows: Sequence[Mapping]) -> list[
 
 
 def _strict(ap: Mapping, name: str) -> float | None:
-    """At the strict overlap, all difficulties, in the first region."""
+    """AP at the strict overlap, all difficulties, in the first region."""
     return next(iter(ap.values()))[name]["overall"][f"{STRICT_IOU[name]:g}"]

@@ -19,7 +19,7 @@ YAW_STDS_DEG = (0.5, 1.0, 2.0, 5.0)
 
 @dataclass(frozen=True)
 class Transmission:
-    """How a map travels. ``precision`` None: as the float32 numbers that they are, without any bytes."""
+    """The way a map is sent. ``precision`` None: as the float32 numbers that they are, without any bytes."""
 
     precision: str | None
     sparsified: bool = True  # False: with the cells that the trained threshold would drop

@@ -67,7 +67,7 @@ def _classes(content: Mapping) -> list[str]:
 
 
 def bytes_histogram(content: Mapping) -> plt.Figure:
-    """How many maps of which size, as trained and in the other precision."""
+    """Histogram of map sizes, as trained and in the other precision."""
     rows = [row for row in content["maps"] if row["study"] == "reference" or "not trained for" in row["label"]]
     labels = list(dict.fromkeys(row["label"] for row in rows))
     figure, axes = plt.subplots(1, len(labels), figsize=(5.2 * len(labels), 3.4), squeeze=False, sharex=True)

@@ -36,7 +36,7 @@ class Evaluator:
         return cls([truths[i] for i in study.chosen], dataset.regions(), dataset.class_names, study.options.seed)
 
     def detections(self, found: Sequence[Boxes]) -> list[Detections]:
-        """As the metrics take them, nothing upon the ego."""
+        """Detections as the metrics take them, boxes on the ego removed."""
         names = np.array(self.class_names)
         lists = [
             Detections(t.frame_id, b.boxes.double().numpy(), names[b.labels.numpy() - 1], b.scores.double().numpy())
@@ -75,11 +75,20 @@ def map_rows(study: Study) -> list[dict]:
             sent = [result.sent[point.label][source] for result in study.results]
             sizes = np.array([s.bytes for s in sent])
             rows.append(
-                {"label": point.label, "study": point.study, "modality": modality_of(source)}
-                | {"median": float(np.median(sizes)), "p95": float(np.quantile(sizes, 0.95)), "mean": sizes.mean()}
-                | {"min": int(sizes.min()), "max": int(sizes.max()), "blocks": float(np.mean([s.blocks for s in sent]))}
-                | {"mbit_per_s": 8e-6 * RATE_HZ * sizes.mean()}
-                | {"sparsity": 1 - float(np.mean([s.occupied for s in sent])), "sizes": sizes.tolist()}
+                {
+                    "label": point.label,
+                    "study": point.study,
+                    "modality": modality_of(source),
+                    "median": float(np.median(sizes)),
+                    "p95": float(np.quantile(sizes, 0.95)),
+                    "mean": sizes.mean(),
+                    "min": int(sizes.min()),
+                    "max": int(sizes.max()),
+                    "blocks": float(np.mean([s.blocks for s in sent])),
+                    "mbit_per_s": 8e-6 * RATE_HZ * sizes.mean(),
+                    "sparsity": 1 - float(np.mean([s.occupied for s in sent])),
+                    "sizes": sizes.tolist(),
+                }
             )
     return rows
 
@@ -106,9 +115,13 @@ def _row(
     gains = {
         n: None if base is None else evaluator.gain(n, lists[base], lists[point.label]) for n in evaluator.class_names
     }
-    row = {"study": point.study, "label": point.label, "combo": combo}
-    row |= {"ap": evaluator.average_precision(lists[point.label]), "held_against": base, "gain": gains}
-    return row | {
+    return {
+        "study": point.study,
+        "label": point.label,
+        "combo": combo,
+        "ap": evaluator.average_precision(lists[point.label]),
+        "held_against": base,
+        "gain": gains,
         "bytes_per_frame": _bytes_per_frame(study, evaluator.class_names, combo, point),
         "same_as_alone": _same(lists[point.label], lists[ALONE.label]),
     }

@@ -1,4 +1,4 @@
-"""From a checkpoint to the numbers of every study; goes on where it stopped."""
+"""Figures of every bandwidth study of a checkpoint; an interrupted one goes on where it stopped."""
 
 from __future__ import annotations
 

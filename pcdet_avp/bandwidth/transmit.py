@@ -61,7 +61,9 @@ def transmit(
     for delivery in channel.receive(LATER_S):
         receiver.push(delivery.payload)
     received = {source: receiver.take(modality_of(source), 0) for source in latents}
-    arrived = {source: _as_latent(known, latents[source]) for source, known in received.items() if known is not None}
+    arrived = {
+        source: received_latent(known, latents[source]) for source, known in received.items() if known is not None
+    }
     return arrived, sent
 
 
@@ -81,6 +83,6 @@ def as_latent(values: Tensor, present: np.ndarray) -> Latent:
     return Latent(values[None], torch.from_numpy(present).to(values.device)[None, None])
 
 
-def _as_latent(known: LatentMap, like: Tensor) -> Latent:
-    """In the memory format of what was sent, on which the last bit of a convolution depends."""
+def received_latent(known: LatentMap, like: Tensor) -> Latent:
+    """A received map in the memory format of the sent one, on which the last bit of a convolution depends."""
     return as_latent(torch.empty_like(like).copy_(torch.from_numpy(known.values)), known.present)

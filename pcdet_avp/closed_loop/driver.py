@@ -1,4 +1,4 @@
-"""The car's mind: detections are remembered for a few ticks, and the policy says how fast to go."""
+"""The driver: holds the detections of recent ticks and applies the policy to them."""
 
 from __future__ import annotations
 

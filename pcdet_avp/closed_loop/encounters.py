@@ -13,7 +13,7 @@ from pcdet_avp.sim.scenarios.scenario import Scenario
 from pcdet_avp.sim.world import EGO_SPEC, World
 from pcdet_avp.structures.ego import BUMPER_X_M
 
-STANDS_BELOW_MPS = 0.1  # a car slower than this stands: who walks into it is not run over
+STANDS_BELOW_MPS = 0.1  # a slower car counts as standing: contact with it is no crash
 NEAR_M = 3.0  # nobody farther away is met within a tick
 
 
@@ -35,14 +35,14 @@ class Encounters:
         return [self._world.actor(number) for number in numbers if number not in self._touched]
 
     def any_left(self, time_s: float) -> bool:
-        """Whether anybody is not out of the ego's way for good."""
+        """Whether a threat may still come into the ego's way."""
         return any(
             self._world.actor(threat.object_id).trajectory.at(time_s).distance < threat.clear_after_m
             for threat in self._scenario.threats
         )
 
     def release(self, ride: Drive, start_s: float) -> None:
-        """Whoever waits for the ego's front sets off at the very moment that it arrives, between ticks if need be."""
+        """Release each road user that waits for the ego's front when the front arrives, if need be between ticks."""
         for number, release_x in list(self._waiting.items()):
             if ride.positions[-1] + BUMPER_X_M >= release_x:
                 moment = np.interp(release_x - BUMPER_X_M, ride.positions, ride.times)

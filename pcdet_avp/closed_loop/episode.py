@@ -26,7 +26,7 @@ from pcdet_avp.structures.sensor_set import SensorSet
 def run_episode(
     scenario: Scenario, perceiver: Perceiver, sensor_set: SensorSet, settings: EpisodeSettings | None = None
 ) -> EpisodeLog:
-    """Drive by the policy until the ego has met somebody, has passed everybody, or the time is up."""
+    """Drive by the policy until a crash, until every threat is passed, or until the time limit."""
     episode = Episode(scenario, perceiver, sensor_set, settings)
     while not episode.over:
         _, target = episode.look()
@@ -60,12 +60,12 @@ class Episode:
 
     @property
     def world(self) -> World:
-        """The world as it stands; whoever acts in the episode only reads it."""
+        """The world at the present tick; policies and perceptions must not change it."""
         return self._world
 
     @property
     def front_x(self) -> float:
-        """Of the front bumper, m in the world frame."""
+        """The x of the front bumper, metres, world frame."""
         return self.state.position + BUMPER_X_M
 
     @property
@@ -85,7 +85,7 @@ class Episode:
 
     @property
     def over(self) -> bool:
-        """A crash, everybody passed, or the time is up."""
+        """Whether the episode has ended: by a crash, after the last threat, or at the time limit."""
         return self.crashed or self.passed or self.time_s >= self.settings.time_limit_s
 
     def look(self) -> tuple[Perceived | None, float]:
@@ -96,12 +96,12 @@ class Episode:
         return seen, target
 
     def _awake(self) -> bool:
-        """Whether anybody can matter: not before the first gap or zone comes near, nor once all are out of the way."""
+        """Whether perception should run: the first gap or zone is near, and not every road user is out of the way."""
         return self._near and self._encounters.any_left(self.time_s)
 
     @property
     def _near(self) -> bool:
-        """Whether the first gap or zone is so near that somebody can be met."""
+        """Whether the first gap or zone is so near that a road user can be met."""
         return self.distance_to_go < self.settings.wake_m
 
     def _decide(self) -> tuple[Perceived, float]:

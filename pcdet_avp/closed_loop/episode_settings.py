@@ -1,20 +1,21 @@
-"""How the closed loop runs: CLOSED_LOOP of ``cfgs/closed_loop.yaml``."""
+"""Settings of the closed loop: CLOSED_LOOP of ``cfgs/closed_loop.yaml``."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from pcdet_avp.config_fields import fields_from
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.sim.dynamics import LongitudinalModel
 
 
 @dataclass(frozen=True)
 class EpisodeSettings:
-    """How the loop runs."""
+    """Settings of an episode; times in seconds, distances in metres."""
 
     tick_s: float = 0.05  # 20 Hz (paper)
     lag_ticks: int = 1  # from observation to actuation
@@ -37,15 +38,7 @@ class EpisodeSettings:
 
     @classmethod
     def from_config(cls, cfg: Mapping[str, Any]) -> EpisodeSettings:
-        """From CLOSED_LOOP, whose keys are the fields' names in capitals; what it leaves out is as above."""
-        dynamics = LongitudinalModel(**_fields(LongitudinalModel, cfg.get("DYNAMICS", {}), "CLOSED_LOOP.DYNAMICS"))
+        """Settings from CLOSED_LOOP, whose keys are the fields' names in capitals; absent keys keep their defaults."""
+        dynamics = LongitudinalModel(**fields_from(LongitudinalModel, cfg.get("DYNAMICS", {}), "CLOSED_LOOP.DYNAMICS"))
         plain = {key: value for key, value in cfg.items() if key != "DYNAMICS"}
-        return cls(dynamics=dynamics, **_fields(cls, plain, "CLOSED_LOOP"))
-
-
-def _fields(settings: type, cfg: Mapping[str, Any], where: str) -> dict[str, Any]:
-    known = [f.name for f in fields(settings)]
-    for key in cfg:
-        if key.lower() not in known:
-            raise ConfigError(f"{where}: unknown key {key!r}; known: {', '.join(known).upper()}")
-    return {key.lower(): value for key, value in cfg.items()}
+        return cls(dynamics=dynamics, **fields_from(cls, plain, "CLOSED_LOOP"))

@@ -35,7 +35,7 @@ class Measurements:
         self.min_ttc_s = min(self.min_ttc_s, float(ttc_s.min(initial=np.inf)))
 
     def ride(self, ride: Drive) -> None:
-        """How hard the ego braked and how abruptly."""
+        """Strongest deceleration and jerk of the ego."""
         jerk = np.abs(np.diff(ride.accelerations) / np.diff(ride.times)).max(initial=0.0)
         self.hardest_jerk_mps3 = max(self.hardest_jerk_mps3, float(jerk))
         self.hardest_deceleration_mps2 = max(self.hardest_deceleration_mps2, float(-ride.accelerations.min()))

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from pcdet_avp.argument_types import non_negative_float, path, positive_float, positive_int
+from pcdet_avp.argument_types import column_count, non_negative_float, path, positive_float, positive_int
 from pcdet_avp.cli import CKPT_HELP, config_parser, load_arguments_config, run_tool
 from pcdet_avp.config import require
 from pcdet_avp.datasets import build_dataset
@@ -20,11 +20,10 @@ from pcdet_avp.engine import distributed
 from pcdet_avp.engine.outputs import RunFolder, choose_checkpoint, open_log
 from pcdet_avp.engine.testing.detect import parse_combos
 from pcdet_avp.engine.testing.pictures import detection_picture
-from pcdet_avp.engine.testing.point_clouds import cloud_files, cloud_frame, cloud_picture, find_in_cloud
+from pcdet_avp.engine.testing.point_clouds import CloudReading, cloud_files, show_clouds
 from pcdet_avp.engine.testing.run import load_network
-from pcdet_avp.errors import ConfigError
-from pcdet_avp.evaluation.detections_file import write_detections
-from pcdet_avp.files import make_folder
+from pcdet_avp.errors import ConfigError, RecordError
+from pcdet_avp.files import flat_name, make_folder
 from pcdet_avp.models.weights.checkpoint_file import THRESHOLDS_KEY
 from pcdet_avp.visualization.frame_choice import telling_frames
 from pcdet_avp.visualization.video import write_picture, write_video
@@ -33,12 +32,26 @@ from pcdet_avp.visualization.video import write_picture, write_video
 def parse_arguments() -> argparse.Namespace:
     parser = config_parser("Pictures or a video of what a network finds.", weights=True)
     parser.add_argument("--ckpt", type=path, help=CKPT_HELP)
-    parser.add_argument("--data_path", type=path, help="a point cloud (.bin, .npy: x, y, z, intensity), or a folder")
-    parser.add_argument("--lidar_height_m", type=non_negative_float, help="of --data_path (default: the vehicle's)")
+    parser.add_argument("--data_path", type=path, help="a point cloud (.bin, .npy, .pcd, .ply), or a folder with some")
+    parser.add_argument(
+        "--columns",
+        type=column_count,
+        metavar="N",
+        help="of .bin files: 4 KITTI, 5 nuScenes, 6 Waymo (default: found out)",
+    )
+    parser.add_argument(
+        "--intensity_scale",
+        type=positive_float,
+        metavar="S",
+        help="full intensity in these files (default: their format's)",
+    )
+    parser.add_argument(
+        "--lidar_height_m", type=non_negative_float, help="of these files' origin (default: the vehicle's; Waymo: 0)"
+    )
     parser.add_argument("--frame", metavar="ID", help="one frame (scene/frame) as a picture, instead of a video")
     parser.add_argument(
         "--pictures",
-        type=int,
+        type=positive_int,
         metavar="K",
         help="pictures of the K frames of the split that show best what the roadside adds, instead of a video",
     )
@@ -61,7 +74,7 @@ def main() -> None:
     logger = open_log(out, "demo")
     ckpt = choose_checkpoint(args.ckpt, args.cfg, run_folder.checkpoints, logger.info)
     if args.data_path:
-        show_clouds(args, cfg, ckpt, ranks, out, logger)
+        _show_clouds(args, cfg, ckpt, ranks, out, logger)
         return
     dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split=args.split)
     model, content = load_network(cfg, ckpt, dataset, ranks, logger)
@@ -71,7 +84,7 @@ def main() -> None:
 
     if args.frame or args.pictures:
         for frame_id in [args.frame] if args.frame else _telling(dataset, args.pictures):
-            file = out / f"{frame_id.replace('/', '_')}.png"
+            file = out / f"{flat_name(frame_id)}.png"
             write_picture(file, picture(_index_of(frame_id, dataset), tight=True))
             print(f"wrote {file}")
         return
@@ -80,21 +93,17 @@ def main() -> None:
     print(f"wrote {write_video(out / f'{args.split}.mp4', images, args.fps)}")
 
 
-def show_clouds(args: argparse.Namespace, cfg, ckpt: Path, ranks: distributed.Ranks, out: Path, logger) -> None:
-    """A picture for each of the user's clouds, and one file with all detections."""
+def _show_clouds(args: argparse.Namespace, cfg, ckpt: Path, ranks: distributed.Ranks, out: Path, logger) -> None:
     data_cfg = require(cfg, "DATA_CONFIG", dict)
-    height = args.lidar_height_m
-    height = require(data_cfg, "SENSORS.EGO.LIDAR.Z_M", (int, float)) if height is None else height
     network_input, files = NetworkInput.from_config(data_cfg, cfg.CLASS_NAMES), cloud_files(args.data_path)
     model, content = load_network(cfg, ckpt, network_input, ranks, logger)
-    everything = []
-    for file in tqdm(files, unit="cloud", desc="drawing"):
-        frame = cloud_frame(file, height)
-        found = find_in_cloud(model, frame, network_input, ranks.device, content.get(THRESHOLDS_KEY) or {})
-        write_picture(out / f"{file.stem}.png", cloud_picture(frame, found, network_input.prepare_config.grid))
-        everything.append(found)
-    write_detections(out / "detections.npz", everything)
-    print(f"wrote {len(files)} pictures and detections.npz to {out}")
+    vehicle_m = require(data_cfg, "SENSORS.EGO.LIDAR.Z_M", (int, float))
+    reading = CloudReading(args.columns, args.intensity_scale, args.lidar_height_m, vehicle_m)
+    min_scores = content.get(THRESHOLDS_KEY) or {}
+    written = show_clouds(files, reading, model, network_input, min_scores, ranks.device, out, logger)
+    print(f"wrote {written} pictures and detections.npz to {out}")
+    if written < len(files):
+        raise RecordError(f"{len(files) - written} of {len(files)} clouds were skipped, see the lines above")
 
 
 def _telling(dataset, count: int) -> list[str]:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import logging
-import sys
 import time
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -13,13 +12,12 @@ from pcdet_avp.argument_types import non_negative_int, path, positive_int
 from pcdet_avp.cli import CKPT_HELP, config_parser, load_arguments_config, run_tool
 from pcdet_avp.datasets.avp.splits import SPLITS
 from pcdet_avp.engine import distributed
-from pcdet_avp.engine.checkpoint import LATEST, furthest_first
+from pcdet_avp.engine.checkpoint import epoch_checkpoints
 from pcdet_avp.engine.outputs import RunFolder, choose_checkpoint, open_log
 from pcdet_avp.engine.testing.depth_table import DepthResult, run_depth_test
 from pcdet_avp.engine.testing.detect import as_scalars, parse_combos
 from pcdet_avp.engine.testing.run import BenchmarkResult, run_test
 from pcdet_avp.engine.training.monitor import write_scalars
-from pcdet_avp.errors import ConfigError
 from pcdet_avp.models import detects_objects
 
 
@@ -52,12 +50,19 @@ def main() -> None:
     try:
         folder = RunFolder.of(args.cfg, args.extra_tag).create()
         logger = open_log(folder.evaluation, "test", ranks.is_first)
-        for path in _checkpoints(args, folder, logger):
+        for path in _checkpoints(args, folder, logger.info):
             result = _test(cfg, path, combos, ranks, logger, args)
             if ranks.is_first:
                 _report(result, path, folder, args)
     finally:
         distributed.stop()
+
+
+def _checkpoints(args: argparse.Namespace, folder: RunFolder, tell: Callable[[str], None]) -> list[Path]:
+    where = args.ckpt_dir or folder.checkpoints
+    if args.ckpt or not args.eval_all:
+        return [choose_checkpoint(args.ckpt, args.cfg, where, tell)]
+    return epoch_checkpoints(where, args.start_epoch)
 
 
 def _test(cfg, path: Path, combos: list[str], ranks, logger, args: argparse.Namespace) -> BenchmarkResult | DepthResult:
@@ -67,22 +72,6 @@ def _test(cfg, path: Path, combos: list[str], ranks, logger, args: argparse.Name
     if not in_boxes:
         return run_depth_test(cfg, name, path, ranks, logger, **how)
     return run_test(cfg, name, path, combos, ranks, logger, wire=args.wire, **how)
-
-
-def _checkpoints(args: argparse.Namespace, folder: RunFolder, logger: logging.Logger) -> list[Path]:
-    where = args.ckpt_dir or folder.checkpoints
-    if args.ckpt or not args.eval_all:
-        return [choose_checkpoint(args.ckpt, args.cfg, where, logger.info)]
-    found = furthest_first(where)
-    if not found:
-        raise ConfigError(f"--eval_all: {where}: no checkpoint there")
-    return [path for path in reversed(found) if path.name != LATEST and epoch_of(path) >= args.start_epoch]
-
-
-def epoch_of(path: Path) -> int:
-    """The number that ends the name of a checkpoint (``checkpoint_epoch_12.pth``); a nameless one counts as last."""
-    number = path.stem.rpartition("_")[2]
-    return int(number) if number.isdecimal() else sys.maxsize
 
 
 def _report(result: BenchmarkResult | DepthResult, path: Path, folder: RunFolder, args: argparse.Namespace) -> None:

@@ -120,7 +120,7 @@ def _make_data(cfg, args: argparse.Namespace, logger) -> None:
 
 
 def _refuse_misspelt(root: Path) -> None:
-    """Where there is nothing, but a data set of nearly this name beside it, the user means that one."""
+    """ConfigError if a data set of nearly this name lies beside the missing one: the user means that one."""
     beside = root.parent.iterdir() if root.parent.is_dir() else ()
     names = [entry.name for entry in beside if (entry / MANIFEST_FILE).is_file()]
     names = [name for name in names if not root.name.startswith(name)]  # avp_small_2 is a set of its own

@@ -9,8 +9,8 @@ from __future__ import annotations
 import logging
 import os
 import re
+import sys
 from collections.abc import Iterable, Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -18,12 +18,22 @@ import torch
 from torch import nn
 
 from pcdet_avp.errors import CheckpointError
-from pcdet_avp.models.weights.agreement import check_meaning
+from pcdet_avp.files import replacing
+from pcdet_avp.models.weights.agreement import check_meaning, check_shape, foreign_weights
 from pcdet_avp.models.weights.checkpoint_file import iterations_of, read_checkpoint
 from pcdet_avp.models.weights.safetensors_file import SUFFIX, encode
 from pcdet_avp.models.weights.weights_hash import weights_hash
 
-__all__ = ["LATEST", "drop_oldest", "furthest_first", "load_model", "load_newest", "save", "weights_hash"]
+__all__ = [
+    "LATEST",
+    "drop_oldest",
+    "epoch_checkpoints",
+    "furthest_first",
+    "load_model",
+    "load_newest",
+    "save",
+    "weights_hash",
+]
 
 LATEST = "latest_model.pth"
 EPOCH_FILE = re.compile(r"checkpoint_epoch_(\d+)\.pth")
@@ -35,19 +45,11 @@ def save(path: Path, content: Mapping[str, Any]) -> None:
 
     A name that ends in ``.safetensors`` chooses that format, for weights and plain values.
     """
-    aside = path.with_name(f"{path.name}.{os.getpid()}.tmp")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with aside.open("wb") as file:
+        with replacing(path, sync=True, error=CheckpointError) as aside, aside.open("wb") as file:
             _write(content, path.suffix, file)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(aside, path)
-        _sync_folder(path.parent)
-    except (OSError, RuntimeError, ValueError) as error:
-        with suppress(OSError):
-            aside.unlink()
-        raise CheckpointError(f"{path}: cannot write this checkpoint ({error})") from error
+    except (RuntimeError, ValueError) as error:
+        raise CheckpointError(f"{path}: cannot be written ({error})") from error
 
 
 def _write(content: Mapping[str, Any], suffix: str, file: BinaryIO) -> None:
@@ -64,13 +66,10 @@ def load_model(
     check_meaning(model, content, path, log)
     theirs, ours = content["model_state"], model.state_dict()
     for key, value in ours.items():
-        found = tuple(theirs[key].shape) if key in theirs else "nothing"
-        if found != tuple(value.shape):
-            shapes = f"expected {tuple(value.shape)}, found {found}"
-            raise CheckpointError(f"{path}: made with another configuration: {key}: {shapes}")
+        check_shape(key, tuple(theirs[key].shape) if key in theirs else None, tuple(value.shape), path)
     extra = next((key for key in theirs if key not in ours), None)
     if extra is not None:
-        raise CheckpointError(f"{path}: made with another configuration: it has {extra}, which this network lacks")
+        raise foreign_weights(path, f"it has {extra}, which this network lacks")
     model.load_state_dict(theirs)
 
 
@@ -84,6 +83,21 @@ def furthest_first(folder: Path) -> list[Path]:
     if damaged and not readable:
         raise CheckpointError(_none_readable(folder, map(_problem, damaged)))
     return readable
+
+
+def epoch_checkpoints(folder: Path, start_epoch: int = 0) -> list[Path]:
+    """A run's checkpoints of epochs from ``start_epoch`` on, the one trained shortest first; CheckpointError if none is
+    there at all. Files of other names count as the last epoch; the latest state between epochs is left out."""
+    found = furthest_first(folder)
+    if not found:
+        raise CheckpointError(f"{folder}: no checkpoint there")
+    return [path for path in reversed(found) if path.name != LATEST and _epoch_of(path) >= start_epoch]
+
+
+def _epoch_of(path: Path) -> int:
+    """The number that ends the name of a checkpoint (``checkpoint_epoch_12.pth``); a nameless one counts as last."""
+    number = path.stem.rpartition("_")[2]
+    return int(number) if number.isdecimal() else sys.maxsize
 
 
 def _by_progress(folder: Path) -> tuple[list[Path], list[Path]]:
@@ -142,13 +156,3 @@ def _set_aside(path: Path) -> Path:
         number += 1
     path.rename(aside)
     return aside
-
-
-def _sync_folder(folder: Path) -> None:
-    """Make the renaming itself survive a power cut, where the system can."""
-    if os.name == "posix":
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)

@@ -1,4 +1,4 @@
-"""Where a run's files lie: output/<group>/<tag>/<extra_tag>/ below the working directory, as in OpenPCDet."""
+"""Folders of a run's files: output/<group>/<tag>/<extra_tag>/ below the working directory, as in OpenPCDet."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class RunFolder:
         return self.root / "eval"
 
     def create(self) -> RunFolder:
-        """Make the folders; ConfigError where that is not possible."""
+        """Make the folders; OutputError if that is not possible."""
         for folder in (self.root, self.checkpoints, self.evaluation):
             make_folder(folder)
         return self

@@ -1,4 +1,4 @@
-"""Where torch's random numbers come from, and how a resumed run gets them back."""
+"""Seeds of torch's random numbers, and their state for a resumed run."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ frame_id (F,) text, where every frame stands even if nothing was found in it.
 
 from __future__ import annotations
 
-import os
+import io
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,31 +15,27 @@ import numpy as np
 
 from pcdet_avp.errors import EvaluationError
 from pcdet_avp.evaluation.inputs import Detections
+from pcdet_avp.files import flat_name, write_bytes, write_text
 
 FIELDS = ("frame_id", "frame", "boxes_lidar", "name", "score")
 
 
 def write_detections(path: Path, detections: Sequence[Detections]) -> None:
-    """Write a whole file, or none."""
+    """Write one .npz file; OutputError if it cannot be written."""
     rows = [len(found.boxes) for found in detections]
     nothing = Detections("", np.zeros((0, 7)), np.zeros(0, str), np.zeros(0))
     columns = [(d.boxes, d.names, d.scores) for d in (nothing, *detections)]
     boxes, names, scores = (np.concatenate(column) for column in zip(*columns, strict=True))
-    aside = path.with_name(f"{path.name}.{os.getpid()}.tmp")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with aside.open("wb") as file:
-            np.savez_compressed(
-                file,
-                frame_id=np.array([found.frame_id for found in detections], str),
-                frame=np.repeat(np.arange(len(rows)), rows),
-                boxes_lidar=boxes.astype(np.float32),
-                name=names.astype(str),
-                score=scores.astype(np.float32),
-            )
-        os.replace(aside, path)
-    except OSError as error:
-        raise EvaluationError(f"{path}: cannot be written ({error.strerror})") from error
+    content = io.BytesIO()
+    np.savez_compressed(
+        content,
+        frame_id=np.array([found.frame_id for found in detections], str),
+        frame=np.repeat(np.arange(len(rows)), rows),
+        boxes_lidar=boxes.astype(np.float32),
+        name=names.astype(str),
+        score=scores.astype(np.float32),
+    )
+    write_bytes(path, content.getvalue())
 
 
 def read_detections(path: Path) -> list[Detections]:
@@ -57,13 +53,9 @@ def read_detections(path: Path) -> list[Detections]:
 
 
 def write_texts(folder: Path, detections: Sequence[Detections]) -> None:
-    """``folder/scene_frame.txt``: class, score, then x y z dx dy dz heading (metres, radians), one a line."""
+    """``folder/scene_frame.txt`` (``files.flat_name``): class, score, x y z dx dy dz heading (m, rad), one a line."""
     for found in detections:
-        file = folder / f"{found.frame_id.replace('/', '_')}.txt"
+        file = folder / f"{flat_name(found.frame_id)}.txt"
         rows = zip(found.names, found.scores, found.boxes, strict=True)
         text = "".join(f"{name} {score:.4f} {' '.join(f'{v:.4f}' for v in box)}\n" for name, score, box in rows)
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            file.write_text(text, encoding="utf-8")
-        except OSError as error:
-            raise EvaluationError(f"{file}: cannot be written ({error.strerror})") from error
+        write_text(file, text)

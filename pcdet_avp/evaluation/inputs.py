@@ -3,15 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 
 from pcdet_avp.errors import EvaluationError
 from pcdet_avp.structures.bev_grid import BevGrid
 from pcdet_avp.structures.boxes import check_boxes
+from pcdet_avp.structures.camera import PinholeCamera
 from pcdet_avp.structures.ego import overlaps_ego
 from pcdet_avp.structures.frame import Labels
+
+
+@dataclass(frozen=True)
+class Wedge:
+    """A camera's horizontal field of view in the ego frame: apex (m), direction, and angles to both sides (rad)."""
+
+    x_m: float
+    y_m: float
+    yaw: float
+    left: float
+    right: float
+
+    @classmethod
+    def of_camera(cls, camera: PinholeCamera) -> Wedge:
+        """Of an upright camera, pitched or not, wherever it looks and whatever its principal point."""
+        pose = camera.agent_from_camera
+        ahead_x, ahead_y = pose.rotation[:2, 2]
+        left, right = np.arctan(camera.cx / camera.fx), np.arctan((camera.width - camera.cx) / camera.fx)
+        x_m, y_m = pose.translation[:2]
+        return cls(float(x_m), float(y_m), float(np.arctan2(ahead_y, ahead_x)), float(left), float(right))
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,20 +40,24 @@ class GroundTruth:
     """Every road user of one frame, in the ego frame.
 
     boxes (N, 7) metres and radians; names (N,) str; difficulty (N,) int, an index into ``frame.DIFFICULTIES``.
+    ``wedge``: what the vehicle's camera saw from above, None without a camera.
     """
 
     frame_id: str  # "scene/frame"
     boxes: np.ndarray
     names: np.ndarray
     difficulty: np.ndarray
+    wedge: Wedge | None = None
 
     def __post_init__(self) -> None:
         check_boxes(self.boxes, f"ground truth of frame {self.frame_id!r}")
         _check_rows(self, "names", "difficulty")
 
     @classmethod
-    def from_labels(cls, frame_id: str, labels: Labels) -> GroundTruth:
-        return cls(frame_id, labels.boxes, labels.names, labels.difficulty)
+    def from_labels(cls, frame_id: str, labels: Labels, camera: PinholeCamera | None = None) -> GroundTruth:
+        """``camera``: the vehicle's, for the region ``camera_fov``."""
+        wedge = None if camera is None else Wedge.of_camera(camera)
+        return cls(frame_id, labels.boxes, labels.names, labels.difficulty, wedge)
 
     @property
     def scene(self) -> str:
@@ -57,7 +82,7 @@ class Detections:
 
     @classmethod
     def from_annotation(cls, annotation: Mapping) -> Detections:
-        """From OpenPCDet's prediction dictionary: frame_id, boxes_lidar (M, 7), name (M,), score (M,)."""
+        """Detections of OpenPCDet's prediction dictionary: frame_id, boxes_lidar (M, 7), name (M,), score (M,)."""
         boxes = np.asarray(annotation["boxes_lidar"], dtype=np.float64).reshape(-1, 7)
         names, scores = np.asarray(annotation["name"], dtype=str), np.asarray(annotation["score"], dtype=np.float64)
         return cls(str(annotation["frame_id"]), boxes, names, scores)
@@ -71,6 +96,12 @@ class Detections:
         return self.select(~overlaps_ego(self.boxes))
 
 
+def wedge_rows(ground_truths: Sequence[GroundTruth]) -> np.ndarray:
+    """(F, 5) the fields of each frame's ``Wedge``, NaN without one."""
+    rows = [(np.nan,) * 5 if truth.wedge is None else astuple(truth.wedge) for truth in ground_truths]
+    return np.array(rows, dtype=np.float64).reshape(-1, 5)
+
+
 def _check_rows(frame: GroundTruth | Detections, *names: str) -> None:
     for name in names:
         if len(getattr(frame, name)) != len(frame.boxes):
@@ -81,31 +112,57 @@ def _check_rows(frame: GroundTruth | Detections, *names: str) -> None:
 
 @dataclass(frozen=True)
 class Region:
-    """Where objects count: inside ``grid`` (if given) and inside a wedge about the x axis (if ``hfov`` is given)."""
+    """Region in which objects count: inside ``grid`` (if given) and inside a wedge, one of all frames or each its own.
+
+    ``hfov``: the full angle (rad) of a wedge about the x axis with its apex at ``apex_x_m``. ``own_camera``: the wedge
+    of each frame's own camera (``GroundTruth.wedge``); where a frame has none, nothing counts.
+    """
 
     name: str
     grid: BevGrid | None = None
     apex_x_m: float = 0.0
-    hfov: float | None = None  # rad, the full angle
+    hfov: float | None = None
+    own_camera: bool = False
 
     @classmethod
     def camera_fov(cls, apex_x_m: float, hfov: float = np.pi / 2, grid: BevGrid | None = None) -> Region:
-        """The vehicle camera's horizontal field of view; its apex is the camera, on the ego's x axis."""
+        """One field of view for all frames: of a camera on the ego's x axis that looks ahead."""
         return cls("camera_fov", grid, apex_x_m, hfov)
+
+    @classmethod
+    def own_camera_fov(cls, grid: BevGrid | None = None) -> Region:
+        """The field of view of each frame's own camera."""
+        return cls("camera_fov", grid, own_camera=True)
 
     @classmethod
     def full_range(cls, grid: BevGrid | None = None) -> Region:
         return cls("full_range", grid)
 
-    def contains(self, centres: np.ndarray) -> np.ndarray:
-        """Mask (N,) of points (N, >=2) in the ego frame."""
+    def contains(self, centres: np.ndarray, wedges: np.ndarray | None = None) -> np.ndarray:
+        """Mask (N,) of points (N, >=2) in the ego frame.
+
+        ``wedges`` (N, 5), for ``own_camera``: the fields of each point's ``Wedge``, NaN where its frame has none.
+        """
         inside = np.ones(len(centres), dtype=bool)
         if self.grid is not None:
             inside &= self.grid.contains_bev(centres)
-        if self.hfov is not None:
-            bearing = np.arctan2(centres[:, 1], centres[:, 0] - self.apex_x_m)
-            inside &= np.abs(bearing) <= self.hfov / 2
+        if self.own_camera:
+            if wedges is None:
+                raise EvaluationError(f"region {self.name!r} needs each frame's camera")
+            inside &= in_wedges(centres, wedges)
+        elif self.hfov is not None:
+            wedge = [self.apex_x_m, 0.0, 0.0, self.hfov / 2, self.hfov / 2]
+            inside &= in_wedges(centres, np.array([wedge]))
         return inside
+
+
+def in_wedges(centres: np.ndarray, wedges: np.ndarray) -> np.ndarray:
+    """Mask (N,) of points (N, >=2) inside wedges (N or 1, 5); False for NaN."""
+    x_m, y_m, yaw, left, right = wedges.T
+    x, y = centres[:, 0] - x_m, centres[:, 1] - y_m
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    bearing = np.arctan2(y * cos - x * sin, x * cos + y * sin)
+    return (bearing <= left) & (bearing >= -right)
 
 
 def check_aligned(ground_truths: Sequence[GroundTruth], detections: Sequence[Detections]) -> None:

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from pcdet_avp.evaluation.inputs import Detections, GroundTruth, Region
+from pcdet_avp.errors import EvaluationError
+from pcdet_avp.evaluation.inputs import Detections, GroundTruth, Region, wedge_rows
 from pcdet_avp.structures.rotated_iou import iou_3d
 
 TRUE, FALSE, NEITHER = 1, 0, -1
@@ -31,6 +32,7 @@ class ClassPairs:
     boxes: np.ndarray  # (D, 7)
     scores: np.ndarray  # (D,)
     start: np.ndarray  # (F + 1,) int: the detections of frame f
+    wedges: np.ndarray  # (F, 5) of each frame's camera, see ``inputs.wedge_rows``
     overlap: np.ndarray  # all (detections of f, objects of f) matrices, flattened one after the other
 
 
@@ -70,6 +72,7 @@ def pair_up(
         boxes=_joined([boxes for boxes, _, _ in found], (0, 7)),
         scores=_joined([scores for _, scores, _ in found], (0,)),
         start=_starts([len(boxes) for boxes, _, _ in found]),
+        wedges=wedge_rows(ground_truths),
         overlap=_joined([matrix.ravel() for _, _, matrix in found], (0,)),
     )
 
@@ -90,10 +93,12 @@ def _starts(counts: list[int]) -> np.ndarray:
 
 def match(pairs: ClassPairs, region: Region, hardest: int, min_overlap: float) -> Matches:
     """Match at one overlap threshold, counting the objects inside ``region`` of difficulty index <= ``hardest``."""
-    must_find = region.contains(pairs.truth_boxes) & (pairs.difficulty <= hardest)
-    outcome, taker = _match_all(
-        pairs.overlap, pairs.start, pairs.truth_start, must_find, region.contains(pairs.boxes), min_overlap
-    )
+    if region.own_camera and len(pairs.wedges) and np.isnan(pairs.wedges).all():
+        raise EvaluationError(f"region {region.name}: no frame's ground truth says where its camera looks")
+    of_truths, of_boxes = (np.repeat(pairs.wedges, np.diff(s), axis=0) for s in (pairs.truth_start, pairs.start))
+    must_find = region.contains(pairs.truth_boxes, of_truths) & (pairs.difficulty <= hardest)
+    inside = region.contains(pairs.boxes, of_boxes)
+    outcome, taker = _match_all(pairs.overlap, pairs.start, pairs.truth_start, must_find, inside, min_overlap)
     hit_score = np.where(taker >= 0, np.append(pairs.scores, 0.0)[taker], -np.inf)
     frame = np.repeat(np.arange(len(pairs.start) - 1), np.diff(pairs.start))
     counted = np.diff(np.concatenate([[0], np.cumsum(must_find)])[pairs.truth_start])

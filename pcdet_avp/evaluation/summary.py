@@ -61,7 +61,7 @@ def score_thresholds(
     class_names: Sequence[str] = CLASS_NAMES,
     min_overlap: float = LOOSE_IOU,
 ) -> dict[str, float]:
-    """For each class the score from which on F1 is best: what the driving policy uses. For the validation split."""
+    """Score of each class from which on F1 is best: what the driving policy uses. For the validation split."""
     check_aligned(ground_truths, detections)
     detections = [d.without_ego() for d in detections]
     pairs = {name: pair_up(ground_truths, detections, name) for name in class_names}

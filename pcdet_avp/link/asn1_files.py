@@ -59,8 +59,9 @@ def with_whole_bounds(modules: Mapping[str, Any]) -> Mapping[str, Any]:
             ends = [
                 _number(end, found, types) for part in root for end in (part if isinstance(part, tuple) else (part,))
             ]
-            if None not in ends:
-                found["restricted-to"] = [(min(ends), max(ends)), *parts[len(root) :]]
+            numbers = [end for end in ends if end is not None]
+            if len(numbers) == len(ends):
+                found["restricted-to"] = [(min(numbers), max(numbers)), *parts[len(root) :]]
     return modules
 
 
@@ -75,7 +76,8 @@ def _described(node: Any) -> Iterator[dict]:
 
 def _number(end: Any, found: Mapping, types: Mapping[str, Mapping]) -> int | None:
     """A bound as a number: a type's named numbers are looked up; None where it is not one (a string, MIN, MAX)."""
-    while isinstance(end, str) and found is not None:
-        end = found.get("named-numbers", {}).get(end, end)
-        found = types.get(found["type"])
+    kind: Mapping | None = found
+    while isinstance(end, str) and kind is not None:
+        end = kind.get("named-numbers", {}).get(end, end)
+        kind = types.get(kind["type"])
     return end if isinstance(end, int) else None

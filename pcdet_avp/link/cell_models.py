@@ -42,7 +42,7 @@ def fresh(channels, precision):
 
 @numba.njit(cache=True)
 def occupied_model(octaves, here, row):
-    """By whether the left, upper right, upper and upper left cells are occupied."""
+    """Context of an occupancy bit: which of the left, upper right, upper and upper left cells are occupied."""
     last = octaves.shape[1] - 1
     left, above = octaves[here - 1, last], octaves[here - row, last]
     corners = octaves[here - row + 1, last] << 1 | octaves[here - row - 1, last] << 3
@@ -51,7 +51,7 @@ def occupied_model(octaves, here, row):
 
 @numba.njit(cache=True)
 def value_model(channel, left, above, previous):
-    """By whether this channel has a value to the left and above, and the channel before has one here."""
+    """Context of a value: whether this channel has one to the left and above, and the channel before has one here."""
     return PER_CHANNEL + CHANNEL_MODELS * channel + (left > 0) + 2 * (above > 0) + 4 * previous
 
 

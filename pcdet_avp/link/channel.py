@@ -120,7 +120,7 @@ class NrV2xChannel:
         self._free_slot = slot
 
     def _slots_before(self, latest_s: float, slot: int) -> float:
-        """How many slots from ``slot`` on end early enough to arrive by ``latest_s`` without jitter."""
+        """Number of slots from ``slot`` on that end early enough to arrive by ``latest_s`` without jitter."""
         end = (latest_s - 1e-3 * self.config.delay_ms) / SLOT_S + ROUNDING
         return end if math.isinf(end) else max(0, math.floor(end) - slot)
 

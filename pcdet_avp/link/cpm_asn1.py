@@ -27,7 +27,7 @@ COORDINATE_UNKNOWN, ANGLE_UNKNOWN, SIZE_UNKNOWN, SPEED_UNKNOWN = 4096, 127, 32, 
 
 @dataclass(frozen=True)
 class Station:
-    """Who sends and from where: id, milliseconds since 2004-01-01 (TAI), degrees; None: coded unavailable."""
+    """Sender of a message and its place: id, milliseconds since 2004-01-01 (TAI), degrees; None: coded unavailable."""
 
     station_id: int = 0
     time_ms: int = 0
@@ -106,10 +106,12 @@ def _asn1tools() -> Any:
 
 def _management(station: Station) -> dict:
     """Station's time and place; nothing that is optional."""
-    known = station.latitude_deg is not None and station.longitude_deg is not None
+    latitude, longitude = 900_000_001, 1_800_000_001  # unavailable
+    if station.latitude_deg is not None and station.longitude_deg is not None:
+        latitude, longitude = round(1e7 * station.latitude_deg), round(1e7 * station.longitude_deg)
     position = {
-        "latitude": round(1e7 * station.latitude_deg) if known else 900_000_001,
-        "longitude": round(1e7 * station.longitude_deg) if known else 1_800_000_001,
+        "latitude": latitude,
+        "longitude": longitude,
         "positionConfidenceEllipse": {
             "semiMajorConfidence": 4095,
             "semiMinorConfidence": 4095,

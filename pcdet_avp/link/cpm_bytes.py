@@ -1,4 +1,4 @@
-"""How many bytes a Collective Perception Message has, by the widths of its fields; and what comes on top on the air.
+"""Size of a Collective Perception Message in bytes, by the widths of its fields; and what comes on top on the air.
 
 The message is coded in unaligned packed encoding rules (UPER, ITU-T X.691): a whole number between two bounds takes as
 many bits as their difference needs, an optional or extensible field one bit more. The bounds are those of ETSI TS

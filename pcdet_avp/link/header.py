@@ -43,7 +43,7 @@ class MapStamp:
 
     @classmethod
     def at_pose(cls, frame_id: int, time_us: int, modality: str, world_from_agent: Pose) -> MapStamp:
-        """From a pose; height, roll and pitch do not travel."""
+        """The stamp of a map that was taken at a pose; height, roll and pitch are not sent."""
         x, y = world_from_agent.translation[:2]
         return cls(frame_id, time_us, modality, float(x), float(y), world_from_agent.yaw)
 
@@ -55,7 +55,7 @@ class MapStamp:
 
 @dataclass(frozen=True)
 class MapFormat:
-    """How a map (channels, height, width) is written; int8 has, per channel, the exponent of its power of two."""
+    """Format of a map (channels, height, width) as sent; int8 has, per channel, the exponent of its power of two."""
 
     channels: int
     height: int

@@ -25,7 +25,7 @@ SHORTEST = _COMMON.size + _CELLS.size + _CRC.size
 
 
 def overhead_bytes(map_format: MapFormat) -> int:
-    """Bytes of a segment that are neither mask nor values: both headers and the checksum."""
+    """Bytes of a segment beside its entropy-coded body: both headers and the checksum."""
     return _COMMON.size + len(map_format.exponents) + _CELLS.size + _CRC.size
 
 

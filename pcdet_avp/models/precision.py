@@ -13,7 +13,7 @@ SLOW_BF16 = "this CPU has no instructions for bf16: --use_amp makes it several t
 
 
 def emulates_bf16(device: torch.device) -> bool:
-    """Whether bf16 is pieced together from other instructions there, at about ten times the cost of float32."""
+    """Whether bf16 is emulated in software on this device, at about ten times the cost of float32."""
     return device.type == "cpu" and torch.backends.cpu.get_cpu_capability() == "AVX2"
 
 

@@ -46,7 +46,7 @@ def openpcdet_config(cfg: Mapping) -> dict:
 
 
 def _relative(path: str) -> str:
-    """To our checkout (to the working folder, for an installed package); a path that lies elsewhere as it is."""
+    """A path relative to our checkout (for an installed package: to the working folder), if it lies there."""
     relative = os.path.relpath(path, shipped.home())
     return path if relative.startswith(os.pardir) else Path(relative).as_posix()
 

@@ -28,7 +28,7 @@ class OpenPCDetAvpDataset(AvpDataset):
     """
 
     def __init__(self, dataset_cfg: Mapping, *args: Any, root_path: str | Path | None = None, **kwargs: Any) -> None:
-        """As ``AvpDataset``'s; OpenPCDet passes everything by name."""
+        """Arguments are those of ``AvpDataset``; OpenPCDet passes everything by name."""
         root = root_path if root_path is not None else find_data(require(dataset_cfg, "DATA_PATH", str))
         super().__init__(dataset_cfg, *args, root_path=root, **kwargs)
         self.train_sets = [str(name) for name in dataset_cfg.get("TRAIN_SENSOR_SETS") or []]
@@ -46,7 +46,7 @@ class OpenPCDetAvpDataset(AvpDataset):
 
     @staticmethod
     def collate_batch(batch_list: Sequence[dict], _unused: bool = False) -> dict:
-        """As ``AvpDataset``'s, with ``EGO_IMAGES`` (B, 3, h, w) instead of images (B, h, w, 3)."""
+        """``AvpDataset.collate_batch``'s batch, with ``EGO_IMAGES`` (B, 3, h, w) instead of images (B, h, w, 3)."""
         batch = AvpDataset.collate_batch(batch_list)
         batch[EGO_IMAGES] = np.ascontiguousarray(batch.pop("images").transpose(0, 3, 1, 2))
         return batch

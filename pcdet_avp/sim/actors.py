@@ -28,7 +28,7 @@ class Car:
     name = "Car"
 
     def mesh_at(self, time_s: float) -> Mesh:
-        """In the world frame."""
+        """The body's mesh at a time (s), world frame."""
         return car_mesh(self.spec).transformed(pose_at(self, time_s))
 
 
@@ -42,7 +42,7 @@ class Pedestrian:
     name = "Pedestrian"
 
     def mesh_at(self, time_s: float) -> Mesh:
-        """In the world frame; no two people are in step."""
+        """The body's mesh at a time (s), world frame; each pedestrian has a gait phase of its own."""
         motion = self.trajectory.at(time_s)
         phase = self.object_id + 2 * np.pi * motion.distance / (STRIDE_PER_HEIGHT * self.spec.height)
         return pedestrian_mesh(self.spec, phase, motion.speed > 0).transformed(pose_at(self, time_s))

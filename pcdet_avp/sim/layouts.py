@@ -6,50 +6,13 @@ row on the ego's right ends with a pillar at the near corner of the junction: ro
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-
 import numpy as np
 
-from pcdet_avp.errors import ConfigError
 from pcdet_avp.sim.garage import LANE_WIDTH_M, SLOT_DEPTH_M, SLOT_WIDTH_M, GarageLayout, Lamp, Pillar, Slot, Wall
+from pcdet_avp.structures.scene_config import GarageConfig
 
 ROW_BACK_Y_M = LANE_WIDTH_M + SLOT_DEPTH_M  # distance of the walls behind the slots from the road's axis
 WALL_M, PARAPET_M = 0.2, 0.15  # thicknesses
-
-
-@dataclass(frozen=True)
-class GarageConfig:
-    """Ranges (low, high) out of which a plan is drawn evenly. The low-ceiling variant sets ``ceiling_m``."""
-
-    road_length_m: tuple[float, float] = (128.0, 150.0)  # before the mast; 6 s at 12 m/s must fit before the first gap
-    wall_behind_mast_m: float = 1.5
-    junction_before_mast_m: tuple[float, float] = (12.0, 15.0)
-    side_road_length_m: tuple[float, float] = (26.0, 30.0)  # from the road's axis
-    slots_per_bay: tuple[int, int] = (2, 4)  # both ends included
-    pillar_size_m: tuple[float, float] = (0.4, 0.7)
-    pillar_setback_m: float = 0.1  # from the edge of the road
-    parapet_m: tuple[float, float] = (0.45, 0.75)  # the mast looks over it
-    ceiling_m: tuple[float, float] = (7.2, 7.8)
-    lamp_spacing_m: tuple[float, float] = (4.5, 8.0)
-    dim_lamp_share: tuple[float, float] = (0.05, 0.3)
-    failed_lamp_share: tuple[float, float] = (0.0, 0.15)
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
-
-
-def check_ranges(cfg) -> None:
-    """Raise where a field of a settings dataclass whose default is a range is not (low, high) with low <= high."""
-    for field in fields(cfg):
-        if not _is_pair(field.default):
-            continue
-        value = getattr(cfg, field.name)
-        if not _is_pair(value) or value[0] > value[1]:
-            raise ConfigError(f"{type(cfg).__name__}.{field.name}: expected (low, high), found {value!r}")
-
-
-def _is_pair(value) -> bool:
-    return isinstance(value, tuple) and len(value) == 2 and all(isinstance(v, int | float) for v in value)
 
 
 def draw_layout(rng: np.random.Generator, cfg: GarageConfig | None = None) -> GarageLayout:

@@ -1,13 +1,14 @@
 """The sensors of both agents (paper, table "Parameter Settings of Sensors") and the capture of a frame.
 
-``capture(world, rig, key)`` is the one way from the garage to a ``Frame``, for the data set. ``observe``, for the
-closed loop, is the same without the ground truth.
+``capture(world, rig, key, frame_id)`` is the one way from the garage to a ``Frame``, for the data set.
+``observe``, for the closed loop, is the same without the ground truth.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,7 +28,8 @@ from pcdet_avp.structures.sensor_set import SOURCES
 
 @dataclass(frozen=True, eq=False)
 class AgentRig:
-    """The camera and the LiDAR of one agent, both in its frame (origin on the floor below the mast)."""
+    """The camera and the LiDAR of one agent, both in its frame: x forward, z up, origin on the floor, below
+    the mast of the roadside unit or below the centre of the ego vehicle."""
 
     camera: PinholeCamera
     lidar: LidarModel
@@ -35,7 +37,7 @@ class AgentRig:
 
     @classmethod
     def from_config(cls, cfg: Mapping) -> AgentRig:
-        """From one agent's part of DATA_CONFIG.SENSORS; angles there are in degrees."""
+        """The sensors of one agent's part of DATA_CONFIG.SENSORS; angles there are in degrees."""
         try:
             return cls(_camera(cfg["CAMERA"]), _lidar(cfg["LIDAR"]), _lidar_noise(cfg["LIDAR"]))
         except KeyError as missing:
@@ -51,8 +53,24 @@ class Rig:
 
     @classmethod
     def from_config(cls, sensors: Mapping) -> Rig:
-        """From DATA_CONFIG.SENSORS = {EGO: {CAMERA, LIDAR}, INFRA: {CAMERA, LIDAR}}."""
+        """The sensors of DATA_CONFIG.SENSORS = {EGO: {CAMERA, LIDAR}, INFRA: {CAMERA, LIDAR}}."""
         return cls(AgentRig.from_config(sensors["EGO"]), AgentRig.from_config(sensors["INFRA"]))
+
+    def placed_in(self, world: World) -> tuple[PlacedRig, PlacedRig]:
+        """The sensors of ego and roadside unit where they stand in a world now."""
+        return (
+            PlacedRig("ego", self.ego, world.world_from_ego, world.ego_tracer),
+            PlacedRig("infra", self.infra, world.world_from_infra, world.infra_tracer),
+        )
+
+
+class PlacedRig(NamedTuple):
+    """The sensors of one agent ("ego" or "infra") in a world: its pose there, and what builds its ray tracer."""
+
+    agent: str
+    rig: AgentRig
+    world_from_agent: Pose
+    tracer: Callable[[], RayTracer]
 
 
 def _camera(cfg: Mapping) -> PinholeCamera:
@@ -94,11 +112,8 @@ def _observe_both(
 ) -> tuple[AgentView, AgentView, dict[str, np.ndarray]]:
     """Both agents' views, and per source the instance number behind each of its pixels or points."""
     views, instances = [], {}
-    for agent, pose, agent_rig, tracer in (
-        ("ego", world.world_from_ego, rig.ego, world.ego_tracer),
-        ("infra", world.world_from_infra, rig.infra, world.infra_tracer),
-    ):
-        view, behind = _observe(agent, pose, agent_rig, tracer, world, key, sources)
+    for placed in rig.placed_in(world):
+        view, behind = _observe(placed, world, key, sources)
         views.append(view)
         instances |= behind
     return *views, instances
@@ -116,15 +131,10 @@ def _labels(world: World, rig: Rig, instances: Mapping[str, np.ndarray]) -> Labe
 
 
 def _observe(
-    agent: str,
-    pose: Pose,
-    rig: AgentRig,
-    tracer: Callable[[], RayTracer],
-    world: World,
-    key: Sequence[int],
-    sources: Sequence[str],
+    placed: PlacedRig, world: World, key: Sequence[int], sources: Sequence[str]
 ) -> tuple[AgentView, dict[str, np.ndarray]]:
     """One agent's view, and per source the instance number behind each of its pixels or points."""
+    agent, rig, pose, tracer = placed
     instances: dict[str, np.ndarray] = {}
     image = depth = points = scan = None
     if f"{agent}_camera" in sources:

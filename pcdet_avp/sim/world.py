@@ -1,4 +1,4 @@
-"""The garage with everybody in it, at one moment; it steps in time and answers rays.
+"""The garage with every road user in it at one time; it advances in time and answers rays.
 
 The mast stands at the world's origin and faces -x. The ego's own car is in the mast's scene and not in its own.
 """
@@ -29,7 +29,13 @@ BUILDING_INSTANCE = -1
 EGO_INSTANCE = -2
 EGO_SPEC = CarSpec("sedan", EGO_LENGTH_M, EGO_WIDTH_M, 1.5, (0.55, 0.56, 0.58))
 
-MOVING = ("road_users", "movers", "moving_scene", "ego_tracer", "infra_tracer")  # what a moment's end puts out of date
+MOVING = (
+    "road_users",
+    "movers",
+    "moving_scene",
+    "ego_tracer",
+    "infra_tracer",
+)  # cached values that are invalid once time advances
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +92,7 @@ class World:
         self._forget(*MOVING)
 
     def road_users(self) -> RoadUsers:
-        """Everybody but the ego, at this moment."""
+        """All road users but the ego at the current time."""
         return self._cached("road_users", self._find_road_users)
 
     def _find_road_users(self) -> RoadUsers:
@@ -102,7 +108,7 @@ class World:
         return {number: box_at(actor, 0.0) for number, actor in self._actors.items() if stands(actor)}
 
     def mesh_of(self, object_id: int) -> Mesh:
-        """Of someone on a trajectory, where they are now; world frame."""
+        """Mesh of a moving road user at the current time, world frame."""
         return next(mesh for mesh, number in self._movers() if number == object_id)
 
     @property
@@ -114,19 +120,19 @@ class World:
 
     @cached_property
     def static_scene(self) -> TriangleScene:
-        """The building and everybody who can never move; built once."""
+        """Scene of the building and of every road user that never moves; built once."""
         return _static_scene(self.layout, tuple(actor for actor in self.actors if stands(actor)))
 
     def moving_scene(self) -> TriangleScene:
-        """Everybody on a trajectory, where they are now."""
+        """Scene of every road user on a trajectory at the current time."""
         return self._cached("moving_scene", lambda: TriangleScene(self._movers()))
 
     def ego_tracer(self) -> RayTracer:
-        """What the ego's sensors can hit: all but itself."""
+        """Ray tracer for the ego's sensors: the whole world but the ego itself."""
         return self._cached("ego_tracer", lambda: RayTracer([self.static_scene, self.moving_scene()], self._ego_room))
 
     def infra_tracer(self) -> RayTracer:
-        """What the mast's sensors can hit: all, the ego included."""
+        """Ray tracer for the mast's sensors: the whole world, the ego included."""
         return self._cached("infra_tracer", self._build_infra_tracer)
 
     def _build_infra_tracer(self) -> RayTracer:
@@ -135,7 +141,7 @@ class World:
         return RayTracer([self.static_scene, TriangleScene([*self._movers(), ego])], self._infra_room)
 
     def _movers(self) -> list[tuple[Mesh, int]]:
-        """Mesh and object id of everybody on a trajectory, where they are now."""
+        """Mesh and object id of every road user on a trajectory at the current time."""
         moving = [actor for actor in self.actors if not stands(actor)]
         return self._cached("movers", lambda: [(actor.mesh_at(self.time_s), actor.object_id) for actor in moving])
 

@@ -16,3 +16,8 @@ EGO_FOOTPRINT = np.array([[0.0, 0.0, 0.0, EGO_LENGTH_M, EGO_WIDTH_M, 1.0, 0.0]])
 def overlaps_ego(boxes: np.ndarray) -> np.ndarray:
     """Mask (N,) of boxes (N, >=7) in the ego frame whose footprint overlaps the ego's own."""
     return bev_intersection(boxes, EGO_FOOTPRINT)[:, 0] > 0
+
+
+def centre_in_ego(boxes: np.ndarray) -> np.ndarray:
+    """Mask (N,) of boxes (N, >=2) in the ego frame whose centre lies in the ego's footprint: the ego, or its driver."""
+    return (np.abs(boxes[:, 0]) < EGO_LENGTH_M / 2) & (np.abs(boxes[:, 1]) < EGO_WIDTH_M / 2)

@@ -11,10 +11,17 @@ import numpy as np
 
 from pcdet_avp.errors import GeometryError
 
+EXACT = 1e-9  # what rounding of float64 explains: such a rotation stays bit by bit
+ROUNDED = 1e-4  # what writing four decimals or float32 explains
+
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """A rotation and a translation in metres: p_dst = R p_src + t, held as a (4, 4) float64 matrix."""
+    """A rotation and a translation in metres: p_dst = R p_src + t, held as a (4, 4) float64 matrix.
+
+    A rotation that was rounded, no entry farther than ``ROUNDED`` from the nearest true one, becomes that one;
+    GeometryError where it is farther away, mirrored, not finite or of another shape.
+    """
 
     matrix: np.ndarray
 
@@ -24,11 +31,10 @@ class Pose:
             raise GeometryError(f"pose: expected a (4, 4) matrix, found shape {matrix.shape}")
         if not np.isfinite(matrix).all():
             raise GeometryError("pose: matrix holds NaN or infinite values")
-        rotation = matrix[:3, :3]
-        if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6 or np.linalg.det(rotation) < 0:
-            raise GeometryError("pose: upper left 3 x 3 block is not a rotation")
-        if matrix[3].tolist() != [0, 0, 0, 1]:
+        if np.abs(matrix[3] - [0, 0, 0, 1]).max() > ROUNDED:
             raise GeometryError(f"pose: last row must be 0 0 0 1, found {matrix[3].tolist()}")
+        matrix[3] = 0, 0, 0, 1
+        matrix[:3, :3] = _rotation(matrix[:3, :3])
         matrix.setflags(write=False)
         object.__setattr__(self, "matrix", matrix)
 
@@ -75,3 +81,24 @@ class Pose:
     def __matmul__(self, other: Pose) -> Pose:
         """a_from_b @ b_from_c is a_from_c."""
         return Pose(self.matrix @ other.matrix)
+
+
+def _rotation(block: np.ndarray) -> np.ndarray:
+    """The nearest rotation to a (3, 3) block; the block itself where that is what it is."""
+    determinant = np.linalg.det(block)
+    if np.abs(block @ block.T - np.eye(3)).max() <= EXACT and determinant > 0:
+        return block
+    if determinant < 0:
+        raise GeometryError(
+            f"pose: upper left 3 x 3 block is not a rotation: it mirrors (determinant {determinant:.4g}); "
+            "left-handed axes have to be turned into right-handed ones, y -> -y, on both sides"
+        )
+    left, _, right = np.linalg.svd(block)
+    nearest = left @ right
+    off = float(np.abs(block - nearest).max())
+    if off > ROUNDED:
+        raise GeometryError(
+            f"pose: upper left 3 x 3 block is not a rotation: entries differ by up to {off:.2g} from the nearest one, "
+            f"rounding explains {ROUNDED:g}; write more decimals, take out scale and shear"
+        )
+    return nearest

@@ -1,4 +1,4 @@
-"""Where the tour's results lie, and how its commands name them."""
+"""Folders of the tour's results, and their names in its commands."""
 
 from __future__ import annotations
 
@@ -58,5 +58,5 @@ class Place:
         return ["--set", *(word for key, value in values.items() for word in (f"DATA_CONFIG.{key}", str(value)))]
 
     def path(self, name: str) -> str:
-        """As commands name it."""
+        """A path as commands name it."""
         return str(self.out / name)

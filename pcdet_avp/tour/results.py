@@ -27,7 +27,7 @@ class Benchmark:
 
     @classmethod
     def read(cls, json_file: Path, table_file: Path) -> Benchmark:
-        """From what ``tools/test.py`` wrote; ConfigError where a file is missing or is none of its."""
+        """The results that ``tools/test.py`` wrote; ConfigError where a file is missing or is none of its."""
         content = read_json(json_file)
         try:
             region = content["rows"][0]["region"]

@@ -26,7 +26,7 @@ class Step:
 
     @property
     def command_line(self) -> str:
-        """As a user would type it: a script of the checkout, or of the installed package."""
+        """The command as a user would type it: a script of the checkout, or of the installed package."""
         module, *arguments = self.command
         return shlex.join([*program(module), *arguments])
 

@@ -18,14 +18,14 @@ PICTURES = 2  # of frames, and of detections
 
 @dataclass(frozen=True)
 class Tour:
-    """Where results go, how long training takes, how many episodes the network drives."""
+    """Settings of a tour: folder of the results, minutes of training, number of the network's episodes."""
 
     place: Place
     train_minutes: float
     episodes: int
 
     def steps(self) -> dict[str, Step]:
-        """By name, in their order."""
+        """The tour's steps by name, in their order."""
         steps = {
             "see": self._see(),
             "detect": self._detect(),

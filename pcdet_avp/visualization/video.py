@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable
+from itertools import chain
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from pcdet_avp.errors import ConfigError
-from pcdet_avp.files import make_folder, write_bytes
+from pcdet_avp.errors import ConfigError, OutputError
+from pcdet_avp.files import make_folder, replacing, write_bytes
 
 # The first that this OpenCV can write is taken: VP9 plays in browsers, the others in desktop players.
 CODECS = (("vp09", ".mp4"), ("mp4v", ".mp4"), ("MJPG", ".avi"))
@@ -36,18 +36,18 @@ def read_picture(file: Path) -> np.ndarray:
 def write_video(file: Path, images: Iterable[np.ndarray], fps: float) -> Path:
     """Save images (H, W, 3) uint8 RGB, all of one size, as a video.
 
-    Returns its path: that of ``file``, with another ending where only another container can be written.
+    Returns its path: that of ``file``, with another ending if only another container can be written. OutputError if
+    there are no images, or the file cannot be written.
     """
-    writer = target = aside = None
-    for image in images:
-        if writer is None:
-            writer, target = _open(file, fps, (image.shape[1], image.shape[0]))
-            aside = _aside(target)
-        writer.write(np.ascontiguousarray(image[..., ::-1]))
-    if writer is None:
-        raise ConfigError(f"{file}: a video needs at least one picture")
-    writer.release()
-    os.replace(aside, target)
+    images = iter(images)
+    first = next(images, None)
+    if first is None:
+        raise OutputError(f"{file}: a video needs at least one picture")
+    writer, target = _open(file, fps, (first.shape[1], first.shape[0]))
+    with replacing(target, aside=_aside(target)):
+        for image in chain([first], images):
+            writer.write(np.ascontiguousarray(image[..., ::-1]))
+        writer.release()
     return target
 
 
@@ -58,7 +58,7 @@ def _open(file: Path, fps: float, size: tuple[int, int]) -> tuple[cv2.VideoWrite
         writer = cv2.VideoWriter(str(_aside(target)), cv2.VideoWriter_fourcc(*codec), fps, size)
         if writer.isOpened():
             return writer, target
-    raise ConfigError(f"{file}: cannot write a video here")
+    raise OutputError(f"{file}: OpenCV can write no video here (tried {', '.join(codec for codec, _ in CODECS)})")
 
 
 def _aside(file: Path) -> Path:

@@ -1,6 +1,8 @@
 """The class that tools and OpenPCDet see: splits, samples, batches, augmentation streams, evaluation."""
 
 import copy
+import logging
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +14,12 @@ from pcdet_avp.datasets import build_dataset
 from pcdet_avp.datasets.avp.avp_dataset import AvpDataset
 from pcdet_avp.datasets.avp.collate import collate, load_batch
 from pcdet_avp.datasets.avp.manifest import Manifest, Scene, write_manifest
-from pcdet_avp.datasets.avp.record import write_frame
+from pcdet_avp.datasets.avp.record import read_frame, write_frame
 from pcdet_avp.errors import ConfigError, EvaluationError, RecordError, RegistryError, SensorError
+from pcdet_avp.evaluation.inputs import wedge_rows
 from pcdet_avp.registry import DATASETS
+from pcdet_avp.structures.frame import Labels
+from pcdet_avp.structures.pose import Pose
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
 
 CLASSES = ["Car", "Pedestrian"]
@@ -263,12 +268,72 @@ def test_prediction_dicts_name_classes_and_can_be_written(cfg, tmp_path):
     assert (tmp_path / "c_1.txt").read_text() == ""
 
 
-def test_the_first_region_is_the_vehicle_cameras_wedge(cfg, root, make_frame):
-    wedge, whole = AvpDataset(cfg, CLASSES).regions()
+def test_the_first_region_is_the_vehicle_cameras_wedge(cfg):
+    dataset = AvpDataset(cfg, CLASSES)
+    wedge, whole = dataset.regions()
     assert (wedge.name, whole.name) == ("camera_fov", "full_range")
-    assert wedge.hfov == pytest.approx(np.pi / 2)
-    assert wedge.apex_x_m == pytest.approx(0.2)
-    assert wedge.contains(np.array([[10.2, 9.9], [10.2, 10.1]])).tolist() == [True, False]
+    of_frame = wedge_rows(dataset.ground_truths()[:1])
+    np.testing.assert_allclose(of_frame, [[0.2, 0, 0, np.pi / 4, np.pi / 4]], atol=1e-12)
+    assert wedge.contains(np.array([[10.2, 9.9], [10.2, 10.1]]), of_frame).tolist() == [True, False]
+
+
+def rewrite(folder, make_frame, change):
+    """A data set of two test frames, the second one changed."""
+    write_manifest(folder, Manifest((Scene("c", "test", ("0", "1")),)))
+    write_frame(folder, make_frame("c/0", 0))
+    write_frame(folder, change(make_frame("c/1", 1)))
+
+
+def turn_camera(frame, yaw, y_m=0.0):
+    turn = Pose.from_xyz_yaw(0, y_m, 0, yaw)
+    camera = replace(frame.ego.camera, agent_from_camera=turn @ frame.ego.camera.agent_from_camera)
+    return replace(frame, ego=replace(frame.ego, camera=camera))
+
+
+def test_objects_count_in_the_view_of_their_own_frames_camera(cfg, make_frame, tmp_path):
+    """The car at (12, 3) is ahead; the camera of frame c/1 looks left and sees no object at all."""
+    rewrite(tmp_path, make_frame, lambda frame: turn_camera(frame, np.pi / 2))
+    cfg.DATA_PATH = str(tmp_path)
+    dataset = AvpDataset(cfg, CLASSES, training=False, split="test")
+    nothing = {"name": np.zeros(0, str), "score": np.zeros(0), "boxes_lidar": np.zeros((0, 7))}
+    car = {
+        "name": np.array(["Car"]),
+        "score": np.array([0.9]),
+        "boxes_lidar": np.array([[12, 3, 0.8, 4.5, 1.9, 1.6, 1.57]]),
+    }
+    both = [{"frame_id": "c/0", **car}, {"frame_id": "c/1", **nothing}]
+    numbers = dataset.evaluation(both, CLASSES)[1]
+    assert numbers["Car_overall_0.7"] == 100.0
+    assert numbers["full_range/Car_overall_0.7"] == 50.0
+
+
+def test_the_ego_among_the_labels_is_left_out_and_counted(cfg, make_frame, tmp_path, caplog):
+    def with_ego(frame):
+        labels = frame.labels
+        rows = (
+            [labels.boxes, [[1.2, -0.1, 0.8, 4.6, 1.9, 1.6, 0.1]]],
+            [labels.names, ["Car"]],
+            [labels.object_ids, [77]],
+        )
+        boxes, names, ids = np.vstack(rows[0]), np.concatenate(rows[1]), np.concatenate(rows[2])
+        hits = np.vstack([labels.hit_counts, labels.hit_counts[:1]])
+        return replace(frame, labels=Labels(boxes, names, ids, np.append(labels.visible_vertices, 8), hits))
+
+    rewrite(tmp_path, make_frame, with_ego)
+    cfg.DATA_PATH = str(tmp_path)
+    dataset = AvpDataset(cfg, CLASSES, training=False, split="test", logger=logging.getLogger("ego"))
+    with caplog.at_level(logging.WARNING, "ego"):
+        truths = dataset.ground_truths()
+    assert caplog.messages == [f"{tmp_path}: split test: 1 labels of the ego itself left out"]
+    perfect = [
+        {"frame_id": t.frame_id, "name": t.names, "score": np.ones(len(t.names)), "boxes_lidar": t.boxes}
+        for t in truths
+    ]
+    assert dataset.evaluation(perfect, CLASSES)[1]["full_range/Car_overall_0.7"] == 100.0
+    boxes = [dataset[i]["gt_boxes"] for i in range(2)]
+    assert len(boxes[0]) == len(boxes[1])
+    assert 77 not in read_frame(tmp_path, "c/1").labels.object_ids
+    assert 77 in read_frame(tmp_path, "c/1", keep_ego=True).labels.object_ids
 
 
 def test_spawned_workers_can_load_it(cfg):

@@ -73,3 +73,40 @@ def test_an_8_bit_depth_map_is_refused():
 def test_another_file_type_is_refused():
     with pytest.raises(RecordError, match="neither PNG nor JPEG"):
         decode_image(cv2.imencode(".bmp", smooth_image())[1].tobytes(), FILE)
+
+
+def jpeg(*flags):
+    return cv2.imencode(".jpg", smooth_image()[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 90, *flags])[1].tobytes()
+
+
+PROGRESSIVE = (cv2.IMWRITE_JPEG_PROGRESSIVE, 1)
+RESTARTS = (cv2.IMWRITE_JPEG_RST_INTERVAL, 2)
+THUMBNAIL = b"\xff\xe1" + (2 + 8).to_bytes(2, "big") + b"ab\xff\xd9cdef"  # an end marker inside a segment
+EXTRAS = [b"\0" * 1000, b"\xff" * 100, b"comment", b"\xff\xd8\xff\xe0 a second picture"]
+
+
+@pytest.mark.parametrize("flags", [(), PROGRESSIVE, RESTARTS])
+@pytest.mark.parametrize("extra", EXTRAS)
+def test_what_stands_behind_the_end_of_a_picture_is_harmless(flags, extra):
+    plain, png = jpeg(*flags), encode_image(smooth_image())
+    np.testing.assert_array_equal(decode_image(plain + extra, FILE), decode_image(plain, FILE))
+    np.testing.assert_array_equal(decode_image(png + extra, FILE), smooth_image())
+    depth = encode_depth(np.ones((4, 6)))
+    np.testing.assert_array_equal(decode_depth(depth + extra, FILE), np.ones((4, 6), np.float32))
+
+
+@pytest.mark.parametrize("flags", [(), PROGRESSIVE, RESTARTS])
+@pytest.mark.parametrize("padding", [b"", b"\0" * 5000])
+def test_a_cut_jpeg_is_refused_although_it_is_padded_or_its_thumbnail_has_an_end(flags, padding):
+    whole = jpeg(*flags)
+    whole = whole[:2] + THUMBNAIL + whole[2:]
+    decode_image(whole, FILE)
+    for keep in (20, len(whole) // 2, len(whole) - 2):
+        with pytest.raises(RecordError, match="truncated JPEG"):
+            decode_image(whole[:keep] + padding, FILE)
+
+
+def test_fill_bytes_between_segments_are_read():
+    whole = jpeg()
+    at = whole.index(b"\xff\xda")
+    decode_image(whole[:at] + b"\xff\xff" + whole[at:], FILE)

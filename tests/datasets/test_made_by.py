@@ -37,6 +37,21 @@ def test_data_of_this_configuration_pass_whatever_only_the_network_reads(cfg):
     check(cfg, made())
 
 
+def test_data_of_a_time_before_the_scenes_settings_were_written_out_pass(cfg):
+    """Commit c063a55 wrote no GARAGE and no SCENE, or only what differed, in lower case."""
+    old = copy.deepcopy(cfg)
+    del old["GENERATE"]["GARAGE"], old["GENERATE"]["SCENE"]
+    check(cfg, made(old))
+    low = copy.deepcopy(old)
+    low["GENERATE"]["GARAGE"] = {"ceiling_m": [3.0, 3.4]}
+    with pytest.raises(
+        RecordError, match=r"GENERATE\.GARAGE\.CEILING_M \[3\.0, 3\.4\], the configuration says \[7\.2, 7\.8"
+    ):
+        check(cfg, made(low))
+    cfg.GENERATE.GARAGE.CEILING_M = [3.0, 3.4]
+    check(cfg, made(low))
+
+
 @pytest.mark.parametrize(
     ("path", "value"),
     [
@@ -45,7 +60,7 @@ def test_data_of_this_configuration_pass_whatever_only_the_network_reads(cfg):
         ("GENERATE.SCENES", 9),
         ("GENERATE.FRAME_INTERVAL_S", 0.5),
         ("GENERATE.SEED", 1),
-        ("GENERATE.GARAGE", {"ceiling_m": [3.0, 3.4]}),
+        ("GENERATE.GARAGE.CEILING_M", [3.0, 3.4]),
     ],
 )
 def test_other_data_are_refused_with_key_and_both_values(cfg, path, value):

@@ -38,7 +38,7 @@ def test_a_failed_write_leaves_the_file_before_it(tmp_path, monkeypatch):
         raise RuntimeError("unexpected pos: no space left on device")
 
     monkeypatch.setattr(checkpoint.torch, "save", full)
-    with pytest.raises(CheckpointError, match=r"a\.pth: cannot write .*no space left"):
+    with pytest.raises(CheckpointError, match=r"a\.pth: cannot be written .*[Nn]o space left"):
         checkpoint.save(path, CONTENT)
     assert read_checkpoint(path)["it"] == 1
     assert len(list(tmp_path.iterdir())) == 1
@@ -46,7 +46,7 @@ def test_a_failed_write_leaves_the_file_before_it(tmp_path, monkeypatch):
 
 def test_a_place_that_cannot_be_is_named(tmp_path):
     (tmp_path / "file").touch()
-    with pytest.raises(CheckpointError, match=r"file/a\.pth: cannot write"):
+    with pytest.raises(CheckpointError, match=r"file/a\.pth: cannot be written"):
         checkpoint.save(tmp_path / "file" / "a.pth", CONTENT)
 
 
@@ -131,12 +131,27 @@ def test_keeping_none_in_number_keeps_all(tmp_path):
     assert len(list(tmp_path.iterdir())) == 5
 
 
+def test_early_epochs_can_be_left_out_of_a_test_of_all(tmp_path):
+    with pytest.raises(CheckpointError, match="no checkpoint there"):
+        checkpoint.epoch_checkpoints(tmp_path)
+    for it, name in (
+        (20, "checkpoint_epoch_2"),
+        (10, "checkpoint_epoch_1"),
+        (25, "latest_model"),
+        (100, "checkpoint_epoch_10"),
+    ):
+        _save(tmp_path, f"{name}.pth", it, 0)
+    names = [path.stem for path in checkpoint.epoch_checkpoints(tmp_path)]
+    assert names == ["checkpoint_epoch_1", "checkpoint_epoch_2", "checkpoint_epoch_10"]
+    assert [path.stem for path in checkpoint.epoch_checkpoints(tmp_path, 2)] == names[1:]
+
+
 def test_weights_of_another_network_are_refused_by_the_first_difference():
     model = torch.nn.Sequential(torch.nn.Linear(2, 3), torch.nn.Linear(3, 1))
     state = model.state_dict()
-    with pytest.raises(CheckpointError, match=r"f: .*0\.weight: expected \(3, 2\), found \(3, 5\)"):
+    with pytest.raises(CheckpointError, match=r"f: .*0\.weight has shape \(3, 5\), .* expects \(3, 2\)"):
         checkpoint.load_model(model, {"model_state": state | {"0.weight": torch.zeros(3, 5)}}, "f")
-    with pytest.raises(CheckpointError, match=r"1\.bias: expected \(1,\), found nothing"):
+    with pytest.raises(CheckpointError, match=r"1\.bias is missing, this network expects \(1,\)"):
         checkpoint.load_model(model, {"model_state": {k: v for k, v in state.items() if k != "1.bias"}}, "f")
     with pytest.raises(CheckpointError, match="it has extra, which this network lacks"):
         checkpoint.load_model(model, {"model_state": state | {"extra": torch.zeros(1)}}, "f")

@@ -5,7 +5,7 @@ import yaml
 from easydict import EasyDict
 
 from pcdet_avp.engine.outputs import RunFolder, open_log
-from pcdet_avp.errors import ConfigError
+from pcdet_avp.errors import OutputError
 
 
 @pytest.mark.parametrize(
@@ -28,7 +28,7 @@ def test_the_resolved_configuration_is_written_as_plain_yaml(tmp_path):
 
 def test_a_folder_that_cannot_be_made_is_named(tmp_path):
     (tmp_path / "file").touch()
-    with pytest.raises(ConfigError, match=r"file.* cannot make this folder"):
+    with pytest.raises(OutputError, match=r"file.* cannot make this folder"):
         RunFolder(tmp_path / "file" / "run").create()
 
 

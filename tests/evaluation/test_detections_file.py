@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pcdet_avp.errors import EvaluationError
+from pcdet_avp.errors import EvaluationError, OutputError
 from pcdet_avp.evaluation.detections_file import read_detections, write_detections, write_texts
 from pcdet_avp.evaluation.inputs import Detections
 
@@ -47,6 +47,14 @@ def test_a_truncated_file_is_named(found, tmp_path, share):
     path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
     with pytest.raises(EvaluationError, match=r"a\.npz: not a file of detections"):
         read_detections(path)
+
+
+def test_a_place_that_cannot_be_is_named(found, tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(OutputError, match=r"file/a\.npz: cannot be written"):
+        write_detections(tmp_path / "file" / "a.npz", found)
+    with pytest.raises(OutputError, match=r"file/0007_001\.txt: cannot be written"):
+        write_texts(tmp_path / "file", found)
 
 
 def test_texts_have_a_line_per_box(found, tmp_path):

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from pcdet_avp.config import load_config
+from pcdet_avp.config import load_config, plain
 from pcdet_avp.datasets import build_dataset
 from pcdet_avp.engine import checkpoint
 from pcdet_avp.models import build_network
@@ -28,7 +28,7 @@ def weights(tiny_data, tmp_path_factory):
     torch.manual_seed(0)
     model = build_network(cfg.MODEL, len(cfg.CLASS_NAMES), dataset)
     path = tmp_path_factory.mktemp("weights") / "random.pth"
-    checkpoint.save(path, {"model_state": model.state_dict()})
+    checkpoint.save(path, {"model_state": model.state_dict(), "config": plain(cfg)})
     return path
 
 

@@ -83,3 +83,48 @@ def test_a_pose_cannot_be_changed_from_outside():
 def test_what_is_not_a_rigid_motion_is_refused(matrix, message):
     with pytest.raises(GeometryError, match=message):
         Pose(matrix)
+
+
+def decimals_of(pose, decimals):
+    return np.round(pose.matrix, decimals)
+
+
+@given(poses, st.sampled_from([4, 5, 6, 7, 8]))
+def test_rounded_poses_become_the_nearest_true_ones_and_can_be_composed(pose, decimals):
+    read = Pose(decimals_of(pose, decimals))
+    np.testing.assert_allclose(read.rotation @ read.rotation.T, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(read.matrix, pose.matrix, atol=1.6 * 10.0**-decimals)
+    product = read
+    for _ in range(20):
+        product = product @ read @ read.inverse()
+    np.testing.assert_allclose(product.rotation, read.rotation, atol=1e-9)
+
+
+@given(poses)
+def test_float32_is_precise_enough_and_float64_stays_bit_by_bit(pose):
+    assert np.abs(Pose(pose.matrix.astype(np.float32)).matrix - pose.matrix).max() < 1e-4
+    assert np.array_equal(Pose(pose.matrix).matrix, pose.matrix)
+
+
+def test_the_nearest_rotation_of_a_stretched_one_is_the_unstretched():
+    turned = Pose.from_xyz_yaw(0, 0, 0, 0.7).matrix.copy()
+    turned[:3, :3] *= 1.00005
+    np.testing.assert_allclose(Pose(turned).rotation, Rotation.from_euler("z", 0.7).as_matrix(), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda m: m.__setitem__((0, 0), m[0, 0] + 0.01), r"differ by up to 0\.0\d+ .*rounding explains 0\.0001"),
+        (lambda m: m.__setitem__((0, 1), 0.001), "take out scale and shear"),
+        (lambda m: m.__imul__(np.array([[1.001], [1.001], [1.001], [1]])), "take out scale and shear"),
+        (lambda m: m.__setitem__((slice(None), 1), -m[:, 1]), r"mirrors \(determinant -1\)"),
+        (lambda m: m.__setitem__((slice(0, 3), slice(0, 3)), 0), "not a rotation"),
+        (lambda m: m.__setitem__((3, 0), 0.01), "last row must be 0 0 0 1"),
+    ],
+)
+def test_what_rounding_does_not_explain_is_refused_with_its_deviation(change, message):
+    matrix = np.eye(4)
+    change(matrix)
+    with pytest.raises(GeometryError, match=message):
+        Pose(matrix)

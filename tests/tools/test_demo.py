@@ -6,7 +6,7 @@ import pytest
 
 from pcdet_avp.datasets.avp.manifest import read_manifest
 from pcdet_avp.datasets.avp.record import read_frame
-from pcdet_avp.errors import ConfigError
+from pcdet_avp.errors import ConfigError, RecordError
 from pcdet_avp.evaluation.detections_file import read_detections
 
 
@@ -59,3 +59,29 @@ def test_a_folder_of_clouds_gives_pictures_and_detections(demo, tiny_data, tmp_p
     assert np.array_equal(found[0].boxes, found[1].boxes)
     demo("--data_path", clouds / "first.bin", "--lidar_height_m", 6)
     assert (cv2.imread(str(tmp_path / "first.png")) != first).any()
+
+
+def test_one_bad_cloud_costs_no_other_and_is_counted(demo, tiny_data, tmp_path, capsys):
+    frame_id = read_manifest(tiny_data).frame_ids("test")[0]
+    points = read_frame(tiny_data, frame_id, ["ego_lidar"]).ego.points - np.float32([0, 0, 1.9, 0])
+    clouds = tmp_path / "clouds"
+    clouds.mkdir()
+    points.tofile(clouds / "same.bin")
+    np.save(clouds / "same.npy", points)
+    (clouds / "broken.npy").write_bytes(b"none")
+    with pytest.raises(RecordError, match="1 of 3 clouds were skipped"):
+        demo("--data_path", clouds)
+    assert "broken.npy: not a point cloud" in capsys.readouterr().err
+    assert {file.name for file in tmp_path.glob("*.png")} == {"same.bin.png", "same.npy.png"}
+    found = read_detections(tmp_path / "detections.npz")
+    assert [d.frame_id for d in found] == ["same.bin", "same.npy"]
+    assert np.array_equal(found[0].boxes, found[1].boxes)
+
+
+def test_nothing_is_written_where_no_cloud_can_be_read(demo, tmp_path):
+    clouds = tmp_path / "clouds"
+    clouds.mkdir()
+    (clouds / "broken.npy").write_bytes(b"none")
+    with pytest.raises(RecordError, match="none of 1 clouds could be read"):
+        demo("--data_path", clouds)
+    assert not (tmp_path / "detections.npz").exists()

@@ -1,7 +1,6 @@
 """tools/test.py as a user meets it."""
 
 import json
-from types import SimpleNamespace
 
 import pytest
 
@@ -66,14 +65,6 @@ def test_detections_are_kept_as_arrays_and_as_texts(call, trained, tmp_path):
         assert [len(text.read_text().splitlines()) for text in texts] == [len(d.boxes) for d in kept]
         assert len(kept) == 1
         assert kept[0].boxes.size
-
-
-def test_early_checkpoints_can_be_left_out(load_tool, trained):
-    tool = load_tool("test")
-    args = SimpleNamespace(ckpt=None, ckpt_dir=trained / "ckpt", eval_all=True, start_epoch=2)
-    assert [path.name for path in tool._checkpoints(args, None, None)] == ["checkpoint_epoch_2.pth"]
-    args.start_epoch = 0
-    assert len(tool._checkpoints(args, None, None)) == 2
 
 
 def test_every_checkpoint_of_a_run_gives_a_curve(call, trained):

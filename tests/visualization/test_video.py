@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from pcdet_avp.errors import ConfigError
+from pcdet_avp.errors import OutputError
 from pcdet_avp.visualization import video
 from pcdet_avp.visualization.video import write_picture, write_video
 
@@ -43,11 +43,19 @@ def test_an_interrupted_video_is_none(tmp_path):
 
     with pytest.raises(KeyboardInterrupt):
         write_video(tmp_path / "a.mp4", broken(), 20)
-    assert not (tmp_path / "a.mp4").exists()
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_video_that_cannot_be_moved_into_place_is_one_clear_error(tmp_path):
+    (tmp_path / "a.mp4").mkdir()
+    (tmp_path / "a.mp4" / "file").touch()
+    with pytest.raises(OutputError, match=r"a\.mp4: cannot be written"):
+        write_video(tmp_path / "a.mp4", frames(), 20)
+    assert [file.name for file in tmp_path.iterdir()] == ["a.mp4"]
 
 
 def test_no_picture_is_no_video(tmp_path):
-    with pytest.raises(ConfigError, match="at least one picture"):
+    with pytest.raises(OutputError, match="at least one picture"):
         write_video(tmp_path / "a.mp4", [], 20)
 
 

@@ -1,4 +1,4 @@
-"""From the roadside's sensors to the vehicle's antenna: sensing, computing and sending take their time."""
+"""The downlink from the roadside's sensors to the vehicle: delays of sensing, computing and sending."""
 
 from __future__ import annotations
 

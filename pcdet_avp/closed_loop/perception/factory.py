@@ -81,5 +81,5 @@ def build_perceiver(name: str, settings: PerceiverSettings) -> Perceiver:
 
 
 def uses_sensors(name: str) -> bool:
-    """Whether sensor sets matter to a perception; they do to one that is not known here, in somebody's results."""
+    """Whether results of a perception depend on the sensor set; one that is not known here is taken to."""
     return name not in PERCEPTIONS or PERCEPTIONS[name].uses_sensors

@@ -1,4 +1,4 @@
-"""Perfect eyes where the sensors are: the limit of their placement.
+"""Ideal perception from the sensors' positions: the upper limit that their placement sets.
 
 A road user is found if one of the combination's cameras has 30 pixels on it or one of its LiDARs 5 returns (the
 random drop-off left out), within the vehicle's map. Only those who come into the ego's way are looked for: vehicles
@@ -60,13 +60,8 @@ class LineOfSight:
     def _by_sensor(self, world: World, object_id: int, sensor_set: SensorSet) -> Iterator[bool | None]:
         """One sensor's verdict after the other, LiDARs first (they are asked fewer rays)."""
         mesh = world.mesh_of(object_id)
-        for agent, pose, rig, lidar, camera in (
-            ("ego", world.world_from_ego, self._rig.ego, sensor_set.ego_lidar, sensor_set.ego_camera),
-            ("infra", world.world_from_infra, self._rig.infra, sensor_set.infra_lidar, sensor_set.infra_camera),
-        ):
-            if lidar or camera:
-                tracer = world.ego_tracer() if agent == "ego" else world.infra_tracer()
-            if lidar:
-                yield lidar_sees(tracer, rig.lidar, pose, mesh, object_id, RETURNS)
-            if camera:
-                yield camera_sees(tracer, rig.camera, pose, mesh, object_id, PIXELS)
+        for agent, rig, pose, tracer in self._rig.placed_in(world):
+            if getattr(sensor_set, f"{agent}_lidar"):
+                yield lidar_sees(tracer(), rig.lidar, pose, mesh, object_id, RETURNS)
+            if getattr(sensor_set, f"{agent}_camera"):
+                yield camera_sees(tracer(), rig.camera, pose, mesh, object_id, PIXELS)

@@ -1,4 +1,4 @@
-"""How the roadside reaches the vehicle in the closed loop, and how well the vehicle knows where it is."""
+"""Options of the link from roadside to vehicle in the closed loop, and of the vehicle's localisation noise."""
 
 from __future__ import annotations
 
@@ -41,7 +41,9 @@ class LinkOptions:
     repetitions: int = _option(1, int, "how often every map is sent")
     delay_ms: float = _option(0.0, float, "delay of every block beside its air time")
     jitter_ms: float = _option(0.0, float, "further delay of every block, drawn evenly from zero to this")
-    deadline_ms: float | None = _option(None, float, "blocks that arrive later after being handed over are dropped")
+    deadline_ms: float | None = _option(
+        None, float, "blocks that arrive later than this after they were handed to the sender are dropped"
+    )
     cut_within_s: float | None = _option(
         None, float, "the roadside falls silent for good, at a time drawn evenly from zero to this after the first map"
     )
@@ -60,7 +62,7 @@ class LinkOptions:
 
     @classmethod
     def of(cls, link: str, given: Mapping[str, Any]) -> LinkOptions:
-        """From the link's name and the options that were given."""
+        """The options of a link, from its name and those that were given; ConfigError if they conflict."""
         unknown = [name for name in given if name not in _fields()]
         if unknown:
             raise ConfigError(f"link: unknown option {unknown[0]!r}; known: {', '.join(_fields())}")

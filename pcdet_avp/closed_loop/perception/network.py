@@ -17,12 +17,17 @@ from torch import nn
 
 from pcdet_avp import shipped
 from pcdet_avp.config import apply_overrides, ignoring, load_config
+from pcdet_avp.datasets.avp.collate import collate, load_batch
 from pcdet_avp.datasets.avp.network_input import NetworkInput
+from pcdet_avp.datasets.avp.prepare import prepare
 from pcdet_avp.engine.checkpoint import load_model, weights_hash
 from pcdet_avp.errors import CheckpointError, ConfigError
+from pcdet_avp.evaluation.inputs import Detections
 from pcdet_avp.models import build_network
 from pcdet_avp.models.precision import SLOW_BF16, emulates_bf16
 from pcdet_avp.models.weights.checkpoint_file import THRESHOLDS_KEY, read_checkpoint
+from pcdet_avp.structures.frame import Frame
+from pcdet_avp.structures.sensor_set import SensorSet
 
 logger = logging.getLogger(__name__)
 
@@ -43,9 +48,27 @@ class DrivingNetwork:
         with torch.inference_mode(), torch.autocast(self.device.type, torch.bfloat16, enabled=self.amp):
             yield
 
+    def detect(self, frame: Frame, sensor_set: SensorSet) -> Detections:
+        """What it finds in a frame with these sensors, in the ego frame, at the driving thresholds.
+
+        The roadside's maps go from encoder to fusion inside one network, compressed but not as packets; ``Onboard``
+        is the vehicle that receives packets. Raises SensorError where the frame has none of the sensors.
+        """
+        batch_dict = load_batch(collate([prepare(frame, sensor_set, self.input.prepare_config)]), self.device)
+        with self.computing():
+            found, _ = self.network(batch_dict)
+        return named(frame.frame_id, found[0], self.input.class_names)
+
     @property
     def device(self) -> torch.device:
         return self.network.global_step.device
+
+
+def named(frame_id: str, found: Mapping[str, torch.Tensor], class_names: Sequence[str]) -> Detections:
+    """From one frame's pred_boxes (M, 7), pred_labels (M,), counted from 1, and pred_scores (M,)."""
+    names = np.array(class_names)[found["pred_labels"].cpu().numpy() - 1]
+    boxes, scores = (found[key].cpu().double().numpy() for key in ("pred_boxes", "pred_scores"))
+    return Detections(frame_id, boxes, names, scores)
 
 
 def untrained(cfg: Mapping, seed: int = 0) -> DrivingNetwork:

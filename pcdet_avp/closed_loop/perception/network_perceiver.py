@@ -59,7 +59,7 @@ class NetworkPerceiver:
 
     @property
     def facts(self) -> Mapping[str, Any]:
-        """Where the weights come from: checkpoint, iterations, weights_hash, score_thresholds."""
+        """Provenance of the weights: checkpoint, iterations, weights_hash, score_thresholds."""
         return self._driving.facts
 
     def begin(self, scenario: Scenario, seed_key: Sequence[int]) -> None:
@@ -85,7 +85,7 @@ class NetworkPerceiver:
         return Perceived(found.boxes, found.names, found.scores, self._messages(held, frame.time_s))
 
     def _is_cut(self, time_s: float) -> bool:
-        """Whether the roadside has fallen silent; the first time that it is asked, when it will is drawn."""
+        """Whether the roadside has fallen silent for good. The cut-off time is drawn on the first call."""
         if self._silent_from_s is None:
             within_s = self._options.cut_within_s
             share = self._stream(CUT_STREAM).random()

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-import numpy as np
 import torch
 
-from pcdet_avp.closed_loop.perception.network import DrivingNetwork
+from pcdet_avp.closed_loop.perception.network import DrivingNetwork, named
 from pcdet_avp.datasets.avp.collate import collate, load_batch
 from pcdet_avp.datasets.avp.prepare import prepare
 from pcdet_avp.evaluation.inputs import Detections
@@ -46,12 +45,10 @@ class Onboard:
         batch_dict = self.run(frame, camera, lidar, world_from_ego, held)
         with torch.inference_mode():
             found, _ = self._driving.network.post_processing(batch_dict)
-        names = np.array(self._driving.input.class_names)[found[0]["pred_labels"].cpu().numpy() - 1]
-        boxes, scores = (found[0][key].cpu().double().numpy() for key in ("pred_boxes", "pred_scores"))
-        return Detections(frame.frame_id, boxes, names, scores)
+        return named(frame.frame_id, found[0], self._driving.input.class_names)
 
     def run(self, frame: Frame, camera: bool, lidar: bool, world_from_ego: Pose, held: Maps) -> dict:
-        """As ``detect``, up to the head's boxes and logits (see ``AnchorHeadSingle``)."""
+        """The head's boxes and logits (see ``AnchorHeadSingle``) that ``detect`` filters."""
         sample = prepare(frame, SensorSet(camera, lidar, False, False), self._driving.input.prepare_config)
         batch_dict = load_batch(collate([sample]), self._driving.device)
         with self._driving.computing():

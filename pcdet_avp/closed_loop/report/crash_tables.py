@@ -49,7 +49,7 @@ def side_table(results: Results, scenario: str, perception: str, column: SideCol
 
 
 def pace_table(results: Results, scenario: str, perception: str) -> list[str]:
-    """How fast the car gets on at its maximum safe speed, and how often it brakes for nothing."""
+    """Mean speed at the maximum safe speed, and the rate of braking without cause."""
     body = []
     for who, combo in shown_lines(results, scenario, perception):
         cells, tally = results.row(scenario, who, combo), results.tally(scenario, who, combo)

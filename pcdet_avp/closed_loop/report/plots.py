@@ -24,7 +24,7 @@ ROADSIDE = {"none": "alone", "C": "roadside camera", "CL": "roadside camera + Li
 
 
 def write_figure(figure: Figure, file: Path) -> None:
-    """As PNG, whole or not at all."""
+    """Write a figure as PNG, whole or not at all."""
     picture = io.BytesIO()
     figure.savefig(picture, format="png", dpi=130, metadata={"Software": None})
     write_bytes(file, picture.getvalue())

@@ -84,7 +84,7 @@ def _provenance(results: Results) -> list[str]:
 
 
 def _episodes(results: Results) -> str:
-    """How many, and what they took one by one."""
+    """Number of episodes, and the sum of their wall times."""
     count, wall_s = sum(cell.trials for cell in results.cells.values()), results.meta.get("episodes_wall_s")
     return f"{count}" if wall_s is None else f"{count}; their wall times add up to {wall_s / 60:.1f} minutes"
 

@@ -1,4 +1,4 @@
-"""From a command line to a sweep: what is read from configurations, and what makes two sweeps the same."""
+"""The sweep that a command line asks for: settings from configurations, and the identity of a sweep."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def sweep_of(args: argparse.Namespace, loop_file: Path) -> Sweep:
 def _network(args: argparse.Namespace, overrides: tuple[str, ...]) -> dict[str, Any]:
     """What ``model`` alone is built from."""
     options = given_link_options(args)
-    LinkOptions.of(args.link, options)  # raises where they cannot be
+    LinkOptions.of(args.link, options)  # raises if they conflict
     ckpt = choose_checkpoint(args.ckpt, args.cfg, RunFolder.of(args.cfg).checkpoints, print).absolute()
     # Absolute: a worker elsewhere must not take another file of the same name for it.
     files = {"cfg_file": str(shipped.find_config(args.cfg)), "overrides": overrides}
@@ -91,7 +91,7 @@ def file_hash(path: Path) -> str:
 
 
 def sweep_meta(args: argparse.Namespace, sweep: Sweep, started: float) -> dict[str, Any]:
-    """Where the numbers come from, and how the loop ran."""
+    """Provenance of a sweep's figures, and the settings of the loop."""
     overrides = split_overrides(args.overrides)[1]
     cfg = apply_overrides(load_config(args.cfg), list(overrides))
     weights = sweep.identity[sweep.perception].get("weights")

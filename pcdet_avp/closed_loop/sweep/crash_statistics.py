@@ -52,9 +52,3 @@ def bounded_speed(tally: Tally, rate: float, level: float = 0.95) -> float | Non
         elif tally[speed][0]:
             break
     return highest
-
-
-def describe(crashes: int, trials: int) -> str:
-    """``1/20 [0.1, 24.9] %``: the count with its 95 % interval."""
-    low, high = crash_interval(crashes, trials)
-    return f"{crashes}/{trials} [{100 * low:.1f}, {100 * high:.1f}] %"

@@ -1,4 +1,4 @@
-"""How the numbers of a sweep are averaged and written."""
+"""Averages of a sweep's figures, and their text."""
 
 from __future__ import annotations
 

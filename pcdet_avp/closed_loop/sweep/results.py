@@ -54,7 +54,7 @@ class Cell:
         return values[np.isfinite(values)]
 
     def outcomes(self, name: str) -> int:
-        """How many episodes ended so: ``front``, ``side`` or ``none``."""
+        """Number of episodes with this kind of contact: ``front``, ``side`` or ``none``."""
         return sum(row.get("outcome") == name for row in self.episodes)
 
 
@@ -140,7 +140,7 @@ def _rows_by_cell(rows: Sequence[dict[str, str]], file: Path) -> dict[CellKey, l
 
 
 def _check_agreement(folder: Path, summed: Mapping[CellKey, Counts], rows: Mapping[CellKey, Sequence[Row]]) -> None:
-    """Both files hold the same episodes and the same crashes."""
+    """Check that both files hold the same episodes and the same crashes."""
     held = {key: (sum(str(row["crashed"]) == "True" for row in cell), len(cell)) for key, cell in rows.items()}
     for key in dict.fromkeys([*summed, *held]):
         ours, theirs = summed.get(key, (0, 0)), held.get(key, (0, 0))

@@ -94,7 +94,7 @@ def _cell(rows: list[EpisodeRow]) -> dict[str, Any]:
 
 
 def _order(case: Case) -> tuple:
-    """By scenario, perception, combination (in the paper's order), speed and trial."""
+    """Sort key of a row: scenario, perception, sensor set (in the paper's order), speed and trial."""
     combos = list(SENSOR_SETS)
     rank = combos.index(case.combo) if case.combo in combos else len(combos)
     return case.scenario, case.perception, rank, case.combo, case.speed, case.trial

@@ -54,7 +54,7 @@ class Sweep:
         for combo in self.combos:
             SensorSet.parse(combo)
         for speed in self.speeds:
-            find_scenario(self.scenario).scenario(self.seed, 0, speed)  # raises where one of them cannot be
+            find_scenario(self.scenario).scenario(self.seed, 0, speed)  # raises for an impossible one
 
     @property
     def rows(self) -> list[tuple[str, str]]:

@@ -54,7 +54,7 @@ class Recording:
         return self._world
 
     def movers(self, tick: int) -> np.ndarray:
-        """(N, 7) boxes, world frame, of everybody who can move."""
+        """Boxes (N, 7) of every road user that can move, world frame."""
         users = self.seek(tick).road_users()
         return users.boxes[[not stands(actor) for actor in self._world.actors]]
 
@@ -81,12 +81,9 @@ def record_episode(
 def camera_views(world: World, rig: Rig, key: Sequence[int], widest_px: int) -> tuple[AgentView, AgentView]:
     """What both cameras see of the world as it stands; wider images are made smaller. ``key`` fixes their noise."""
     views = []
-    for agent, pose, tracer in (
-        ("ego", world.world_from_ego, world.ego_tracer()),
-        ("infra", world.world_from_infra, world.infra_tracer()),
-    ):
-        camera = _at_most(getattr(rig, agent).camera, widest_px)
-        image = render(tracer, camera, pose, world.lighting, sensor_rng(key, f"{agent}_camera")).image
+    for agent, sensors, pose, tracer in rig.placed_in(world):
+        camera = _at_most(sensors.camera, widest_px)
+        image = render(tracer(), camera, pose, world.lighting, sensor_rng(key, f"{agent}_camera")).image
         views.append(AgentView(pose, camera, image))
     return tuple(views)
 

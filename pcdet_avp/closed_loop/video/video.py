@@ -83,7 +83,7 @@ class EpisodeVideo:
         )
 
     def ticks(self) -> range:
-        """From shortly before perception wakes to the end."""
+        """The ticks that the video shows: from shortly before perception wakes to the end."""
         awake = [tick for tick, seen in enumerate(self._recording.log.perceived) if seen is not None]
         first = awake[0] - round(LEAD_IN_S / self._tick_s) if awake else 0
         return range(max(first, 0), len(self._recording.log.times))

@@ -31,7 +31,7 @@ def write_sweep_videos(sweep: Sweep, finished: Finished, folder: Path) -> list[P
 
 
 def telling_cases(rows: Iterable[EpisodeRow]) -> list[Case]:
-    """Of every combination the slowest crash; where nothing crashed, the fastest drive, and of those first one in which
+    """For each sensor set, the slowest crash, or if nothing crashed the fastest drive, and of those first one in which
     another combination crashed, so that both are seen in the same episode. Then the first of the trials."""
     rows = list(rows)
     crashed = {(row.case.speed, row.case.trial) for row in rows if row.figures.crashed}

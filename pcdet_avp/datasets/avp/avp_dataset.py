@@ -16,12 +16,13 @@ from pcdet_avp.datasets.avp.collate import collate
 from pcdet_avp.datasets.avp.made_by import check_made_by
 from pcdet_avp.datasets.avp.manifest import MANIFEST_FILE, read_manifest
 from pcdet_avp.datasets.avp.network_input import NetworkInput
-from pcdet_avp.datasets.avp.prepare import PrepareConfig, prepare
+from pcdet_avp.datasets.avp.prepare import prepare
 from pcdet_avp.datasets.avp.record import read_frame, recorded_sources
 from pcdet_avp.errors import ConfigError, RecordError
 from pcdet_avp.evaluation import Detections, GroundTruth, Region, evaluate
 from pcdet_avp.evaluation.detections_file import write_texts
 from pcdet_avp.registry import DATASETS
+from pcdet_avp.structures.ego import centre_in_ego
 from pcdet_avp.structures.frame import Frame
 from pcdet_avp.structures.sensor_set import SOURCES, SensorSet
 
@@ -38,9 +39,6 @@ class AvpDataset(torch.utils.data.Dataset):
     augmentation is the epoch's, whatever ``set_epoch`` says (workers may prefetch beyond the present epoch).
     """
 
-    class_names: list[str]  # these two and the other fields of NetworkInput are set by __init__
-    prepare_config: PrepareConfig
-
     def __init__(
         self,
         dataset_cfg: Mapping,
@@ -55,8 +53,15 @@ class AvpDataset(torch.utils.data.Dataset):
         self.split = split or require(dataset_cfg, f"DATA_SPLIT.{self.mode}", str)
         self.sensor_set = SensorSet.parse(require(dataset_cfg, "SENSOR_SET", str))
         self.sources: Sequence[str] = SOURCES  # that may be read at all: a network may use fewer than a combination has
-        for name, value in vars(NetworkInput.from_config(dataset_cfg, class_names)).items():
-            setattr(self, name, value)  # the attributes that OpenPCDet's detectors read back
+        network_input = NetworkInput.from_config(dataset_cfg, class_names)
+        self.prepare_config = network_input.prepare_config
+        # The attributes that OpenPCDet's detectors read back; NetworkInput says what they hold.
+        self.class_names = network_input.class_names
+        self.point_cloud_range = network_input.point_cloud_range
+        self.voxel_size = network_input.voxel_size
+        self.grid_size = network_input.grid_size
+        self.depth_downsample_factor = network_input.depth_downsample_factor
+        self.point_feature_encoder = network_input.point_feature_encoder
         self.frame_ids = self._find_frames()
         self.data_augmentor = Augmentor(dataset_cfg.get("DATA_AUGMENTOR")) if training else None
         self.seed = int((dataset_cfg.get("DATA_AUGMENTOR") or {}).get("SEED", 0))
@@ -65,7 +70,7 @@ class AvpDataset(torch.utils.data.Dataset):
         self._visits = torch.zeros(len(self.frame_ids), dtype=torch.int64).share_memory_()
 
     def __getstate__(self) -> dict:
-        """For another process, whatever started it: everything but the log, which is this process's."""
+        """State for another process, whatever started it: everything but the log, which is this process's."""
         return self.__dict__ | {"logger": None}
 
     def _find_frames(self) -> list[str]:
@@ -82,9 +87,15 @@ class AvpDataset(torch.utils.data.Dataset):
         frame_ids = manifest.frame_ids(self.split)
         if not frame_ids:
             raise RecordError(f"{file}: scenes: no frame in split {self.split!r}; frames: {manifest.frame_counts}")
+        self._say_if_ego_is_labelled(frame_ids[0])
         if self.logger is not None:
             self.logger.info("%s: %d frames in split %s", self.root_path, len(frame_ids), self.split)
         return frame_ids
+
+    def _say_if_ego_is_labelled(self, frame_id: str) -> None:
+        labels = read_frame(self.root_path, frame_id, sources=(), keep_ego=True).labels
+        if self.logger is not None and centre_in_ego(labels.boxes).any():
+            self.logger.warning(f"{self.root_path}: the ego itself is among the labels (frame {frame_id}): left out")
 
     @property
     def mode(self) -> str:
@@ -175,15 +186,21 @@ class AvpDataset(torch.utils.data.Dataset):
         return evaluate(truths, detections, self.regions(), class_names, min_scores)
 
     def ground_truths(self) -> list[GroundTruth]:
-        """The labels of every frame of the split, in order."""
-        frames = (read_frame(self.root_path, frame_id, sources=()) for frame_id in self.frame_ids)
-        return [GroundTruth.from_labels(frame.frame_id, frame.labels) for frame in frames]
+        """The labels of every frame of the split, in order, without the ego itself; the log counts those left out."""
+        truths, left_out = [], 0
+        for frame_id in self.frame_ids:
+            frame = read_frame(self.root_path, frame_id, sources=(), keep_ego=True)
+            ego = centre_in_ego(frame.labels.boxes)
+            left_out += int(ego.sum())
+            truths.append(GroundTruth.from_labels(frame_id, frame.labels.select(~ego), frame.ego.camera))
+        if left_out and self.logger is not None:
+            self.logger.warning(f"{self.root_path}: split {self.split}: {left_out} labels of the ego itself left out")
+        return truths
 
     def regions(self) -> list[Region]:
-        """Where objects count: in the vehicle camera's field of view first, then in the whole range."""
-        camera = read_frame(self.root_path, self.frame_ids[0], sources=()).ego.camera
+        """Regions in which objects count: each frame's own camera's field of view first, then the whole range."""
         grid = self.prepare_config.grid
-        if camera is None:
+        cameras = (read_frame(self.root_path, frame_id, sources=()).ego.camera for frame_id in self.frame_ids)
+        if all(camera is None for camera in cameras):
             return [Region.full_range(grid)]
-        hfov = 2 * np.arctan(camera.width / 2 / camera.fx)
-        return [Region.camera_fov(float(camera.agent_from_camera.translation[0]), hfov, grid), Region.full_range(grid)]
+        return [Region.own_camera_fov(grid), Region.full_range(grid)]

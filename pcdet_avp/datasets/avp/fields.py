@@ -28,7 +28,7 @@ class Field:
     def load(cls, file: Path) -> Field:
         """The top-level object of a JSON file."""
         try:
-            value = json.loads(file.read_text(encoding="utf-8"))
+            value = json.loads(file.read_text(encoding="utf-8-sig"))  # some writers begin with a byte order mark
         except FileNotFoundError as error:
             raise RecordError(f"{file}: no such file") from error
         except OSError as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 import zlib
 from pathlib import Path
@@ -18,7 +19,11 @@ DEPTH_LIMIT = 65535  # uint16; farther is written as unknown
 COLOUR_PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
 DEPTH_PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_DEFAULT]
 
-_PNG_START, _JPEG_START, _JPEG_END = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"\xff\xd9"
+_PNG_START, _JPEG_START = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
+_MARKER, _START_OF_SCAN, _END_OF_IMAGE = 0xFF, 0xDA, 0xD9
+_WITHOUT_LENGTH = (0x01, *range(0xD0, 0xD8))
+# 0xFF is followed by 0 where it is data, and by 0xD0 to 0xD7 where decoding restarts.
+_AFTER_CODED_DATA = re.compile(rb"\xff[^\x00\xd0-\xd7]", re.DOTALL)
 
 
 def encode_image(image: np.ndarray) -> bytes:
@@ -64,15 +69,33 @@ def _decode(data: bytes, file: Path, flags: int) -> np.ndarray:
 
 
 def _check_whole(data: bytes, file: Path) -> None:
-    """Decoders fill what is missing with grey and say nothing, so look for the end of the file first."""
+    """Decoders fill what is missing with grey and say nothing, so look for the end of the file first.
+
+    What stands behind the end, padding or a second picture, is nobody's business.
+    """
     if data.startswith(_PNG_START):
         _check_png(data, file)
     elif data.startswith(_JPEG_START):
-        # Writers may pad after the end marker; entropy-coded data cannot contain it.
-        if _JPEG_END not in data[-64:]:
-            raise RecordError(f"{file}: truncated JPEG, no end-of-image marker in {len(data)} bytes")
+        _check_jpeg(data, file)
     else:
         raise RecordError(f"{file}: neither PNG nor JPEG, or empty ({len(data)} bytes)")
+
+
+def _check_jpeg(data: bytes, file: Path) -> None:
+    """Walk the segments (marker, length, data) to the end-of-image marker; coded data hold no marker but restarts."""
+    at = len(_JPEG_START) - 1
+    while at + 2 <= len(data) and data[at] == _MARKER:
+        kind = data[at + 1]
+        if kind == _END_OF_IMAGE:
+            return
+        if kind == _MARKER:  # fill byte
+            at += 1
+            continue
+        at += 2 + (0 if kind in _WITHOUT_LENGTH else int.from_bytes(data[at + 2 : at + 4], "big"))
+        if kind == _START_OF_SCAN:
+            found = _AFTER_CODED_DATA.search(data, at)
+            at = found.start() if found else len(data)
+    raise RecordError(f"{file}: truncated JPEG, no end-of-image marker in {len(data)} bytes")
 
 
 def _check_png(data: bytes, file: Path) -> None:

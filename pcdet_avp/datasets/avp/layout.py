@@ -1,4 +1,4 @@
-"""Where a record lies: one ``Frame`` per folder ``scenes/<scene>/<frame>`` (README.md beside this file).
+"""Folders of a record: one ``Frame`` per folder ``scenes/<scene>/<frame>`` (README.md beside this file).
 
 A folder appears whole or not at all: it is written under another name beside its place and then renamed.
 """

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from pcdet_avp.config import plain
+from pcdet_avp.config_scenes import completed
 from pcdet_avp.datasets.avp.manifest import MANIFEST_FILE, Manifest
 from pcdet_avp.errors import RecordError
 
@@ -22,10 +23,16 @@ def check_made_by(manifest: Manifest, dataset_cfg: Mapping, root: Path) -> None:
     """
     for part in PARTS:
         if part in manifest.generator and part in dataset_cfg:
-            ours, theirs = plain(dataset_cfg[part]), manifest.generator[part]
+            ours, theirs = complete(dataset_cfg)[part], complete(manifest.generator)[part]
             for key, found, expected in _differences(theirs, ours, part):
                 if key != SEED or expected != manifest.seed:
                     raise RecordError(_message(root / MANIFEST_FILE, key, found, expected))
+
+
+def complete(made_from: Mapping) -> dict:
+    """SENSORS and GENERATE as plain values; settings of generated scenes that are absent have their defaults."""
+    parts = {part: plain(made_from[part]) for part in PARTS if part in made_from}
+    return {**parts, "GENERATE": completed(parts["GENERATE"])} if parts.get("GENERATE") else parts
 
 
 def _message(file: Path, key: str, found: Any, expected: Any) -> str:

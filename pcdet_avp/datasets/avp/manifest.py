@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -11,6 +10,7 @@ from pcdet_avp.datasets.avp.fields import Field, write_record_json
 from pcdet_avp.datasets.avp.layout import PARTIAL_SUFFIX, SCHEMA_VERSION, check_schema, frame_dir
 from pcdet_avp.datasets.avp.splits import SPLITS
 from pcdet_avp.errors import RecordError
+from pcdet_avp.files import replacing
 from pcdet_avp.structures.frame import CLASS_NAMES
 
 MANIFEST_FILE = "dataset.json"
@@ -53,17 +53,11 @@ class Manifest:
 
 
 def write_manifest(root: str | Path, manifest: Manifest) -> None:
-    """Write ``dataset.json`` aside, flush it, and rename it into place."""
+    """Write ``dataset.json``, whole and on the disk; RecordError if it cannot be written."""
     file = Path(root) / MANIFEST_FILE
     partial = file.with_name(f".{MANIFEST_FILE}{PARTIAL_SUFFIX}")
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(file, aside=partial, sync=True, error=RecordError):
         write_record_json(partial, _content(manifest))
-        with partial.open("rb") as handle:
-            os.fsync(handle.fileno())
-        os.replace(partial, file)
-    except OSError as error:
-        raise RecordError(f"{file}: cannot be written ({error.strerror})") from error
 
 
 def _content(manifest: Manifest) -> dict:

@@ -27,7 +27,7 @@ class NetworkInput:
 
     @classmethod
     def from_config(cls, dataset_cfg: Mapping, class_names: Sequence[str]) -> NetworkInput:
-        """From DATA_CONFIG."""
+        """The settings that DATA_CONFIG describes."""
         config = PrepareConfig.from_config(dataset_cfg, class_names)
         grid, voxel_size = config.grid, [float(v) for v in require(dataset_cfg, "VOXEL_SIZE")]
         layers = round((grid.z_max_m - grid.z_min_m) / voxel_size[2])

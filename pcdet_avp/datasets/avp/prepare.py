@@ -1,4 +1,4 @@
-"""From a ``Frame`` to what the network eats. Data set and closed loop share this one way: no torch, no simulator."""
+"""Conversion of a ``Frame`` to the network's input, shared by data set and closed loop; no torch, no simulator."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class PrepareConfig:
 
     @classmethod
     def from_config(cls, dataset_cfg: Mapping, class_names: Sequence[str]) -> PrepareConfig:
-        """From DATA_CONFIG."""
+        """The settings that DATA_CONFIG describes."""
         grid = BevGrid.from_range(require(dataset_cfg, "POINT_CLOUD_RANGE"), require(dataset_cfg, "VOXEL_SIZE"))
         shape = tuple(require(dataset_cfg, "IMAGE_SHAPE", list))
         if len(shape) != 2 or not all(isinstance(n, int) and n > 0 for n in shape):

@@ -8,12 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
+from pcdet_avp.datasets.avp.checks import check_points, check_upright, check_vertices
 from pcdet_avp.datasets.avp.fields import Field
 from pcdet_avp.datasets.avp.image_files import decode_depth, decode_image
 from pcdet_avp.datasets.avp.layout import FRAME_FILE, POINT_LIST, RANGE_IMAGE, check_schema, frame_dir
 from pcdet_avp.datasets.avp.scan_codec import decode_scan
-from pcdet_avp.errors import RecordError, SensorError
+from pcdet_avp.errors import GeometryError, RecordError, SensorError
 from pcdet_avp.structures.camera import PinholeCamera
+from pcdet_avp.structures.ego import centre_in_ego
 from pcdet_avp.structures.frame import CLASS_NAMES, AgentView, Frame, Labels
 from pcdet_avp.structures.lidar_scan import LidarModel
 from pcdet_avp.structures.sensor_set import SOURCES
@@ -23,10 +25,12 @@ DEFAULT_VISIBLE_VERTICES = 8
 NO_HITS = (0,) * len(SOURCES)
 
 
-def read_frame(root: str | Path, frame_id: str, sources: Collection[str] = SOURCES) -> Frame:
+def read_frame(root: str | Path, frame_id: str, sources: Collection[str] = SOURCES, keep_ego: bool = False) -> Frame:
     """One frame with its calibration and labels, and the data of those sensors that ``sources`` names.
 
     A sensor that was not asked for, or not recorded, is None in its ``AgentView``; its camera model is there.
+    A label whose centre lies in the ego's footprint is the ego itself, which is no object: it is left out unless
+    ``keep_ego``.
     """
     unknown = set(sources) - set(SOURCES)
     if unknown:
@@ -36,7 +40,9 @@ def read_frame(root: str | Path, frame_id: str, sources: Collection[str] = SOURC
     if top["frame_id"].of(str) != frame_id:
         raise top["frame_id"].error(f"expected {frame_id!r} like the folder, found {top['frame_id'].value!r}")
     ego, infra = (_read_agent(top, agent, sources) for agent in ("ego", "infra"))
-    return Frame(frame_id, top["time_s"].number(), ego, infra, read_labels(top))
+    labels = read_labels(top)
+    labels = labels if keep_ego else labels.select(~centre_in_ego(labels.boxes))
+    return Frame(frame_id, top["time_s"].number(), ego, infra, labels)
 
 
 def recorded_sources(root: str | Path, frame_id: str) -> set[str]:
@@ -61,7 +67,7 @@ def read_labels(top: Field) -> Labels:
         np.array([_class_name(row["class"]) for row in rows]),
         np.array([row.get("id", i).of(int) for i, row in enumerate(rows)]),
         np.array([_vertices(row.get("visible_vertices", DEFAULT_VISIBLE_VERTICES)) for row in rows]),
-        np.stack([row.get("hits", NO_HITS).numbers(len(SOURCES)) for row in rows]).astype(np.int64),
+        np.stack([_hits(row.get("hits", NO_HITS)) for row in rows]).astype(np.int64),
     )
 
 
@@ -81,14 +87,19 @@ def _class_name(field: Field) -> str:
 
 
 def _vertices(field: Field) -> int:
-    if not 0 <= field.of(int) <= 8:
-        raise field.error(f"a box has 8 vertices, found {field.value} visible ones")
-    return field.value
+    return field.build(check_vertices, field.of(int))
+
+
+def _hits(field: Field) -> np.ndarray:
+    hits = field.numbers(len(SOURCES))
+    if hits.min() < 0:
+        raise field.error(f"expected 0 or more, found {hits.min():g}")
+    return hits
 
 
 def _read_agent(top: Field, agent: str, sources: Collection[str]) -> AgentView:
     entry = top[agent]
-    pose = entry["world_from_agent"].pose()
+    pose = entry["world_from_agent"].build(check_upright, entry["world_from_agent"].pose())
     camera, image, depth = _read_camera(top, entry["camera"], f"{agent}_camera" in sources)
     scan, points = _read_lidar(top, entry["lidar"], f"{agent}_lidar" in sources)
     return AgentView(pose, camera, image, depth, points, scan)
@@ -153,13 +164,10 @@ def _read_points(top: Field, field: Field) -> np.ndarray:
     data, file = _read_file(top, field)
     if len(data) % 16:
         raise RecordError(f"{file}: cloud of wrong length: {len(data)} bytes are no whole number of 4 float32 values")
-    points = np.frombuffer(data, "<f4").reshape(-1, 4).astype(np.float32)
-    if not np.isfinite(points).all():
-        raise RecordError(f"{file}: point {int(np.argmin(np.isfinite(points).all(1)))} holds NaN or infinite values")
-    if len(points) and not (points[:, 3].min() >= 0 and points[:, 3].max() <= 1):
-        low, high = points[:, 3].min(), points[:, 3].max()
-        raise RecordError(f"{file}: intensity (4th value of a point) must lie in [0, 1], found {low}..{high}")
-    return points
+    try:
+        return check_points(np.frombuffer(data, "<f4").reshape(-1, 4)).astype(np.float32)
+    except GeometryError as error:
+        raise RecordError(f"{file}: {error}") from error
 
 
 def _read_file(top: Field, field: Field) -> tuple[bytes, Path]:

@@ -11,13 +11,19 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
+from pcdet_avp.datasets.avp.checks import (
+    check_depth,
+    check_image,
+    check_labels,
+    check_points,
+    check_time,
+    check_upright,
+)
 from pcdet_avp.datasets.avp.fields import write_record_json
 from pcdet_avp.datasets.avp.image_files import encode_depth, encode_image
 from pcdet_avp.datasets.avp.layout import FRAME_FILE, PARTIAL_SUFFIX, POINT_LIST, RANGE_IMAGE, SCHEMA_VERSION, frame_dir
 from pcdet_avp.datasets.avp.scan_codec import encode_scan
-from pcdet_avp.errors import RecordError
+from pcdet_avp.errors import GeometryError, RecordError
 from pcdet_avp.structures.frame import AgentView, Frame, Labels
 from pcdet_avp.structures.lidar_scan import LidarScan
 from pcdet_avp.structures.pose import Pose
@@ -26,16 +32,19 @@ Files = dict[str, bytes]  # name -> content, in the order of writing
 
 
 def write_frame(root: str | Path, frame: Frame) -> int:
-    """Write one frame below ``root``, replacing an older one of the same id. Returns the bytes it takes."""
+    """Write one frame below ``root``, replacing an older one of the same id. Returns the bytes it takes.
+
+    RecordError, and nothing is written, where ``read_frame`` would refuse it.
+    """
     folder = frame_dir(root, frame.frame_id)
     files: Files = {}
     content = {
         "schema_version": SCHEMA_VERSION,
         "frame_id": frame.frame_id,
-        "time_s": float(frame.time_s),
-        "ego": _agent(frame.ego, "ego", files),
-        "infra": _agent(frame.infra, "infra", files),
-        "labels": _labels(frame.labels),
+        "time_s": _checked(frame, "", check_time, frame),
+        "ego": _agent(frame, "ego", files),
+        "infra": _agent(frame, "infra", files),
+        "labels": _labels(_checked(frame, "", check_labels, frame.labels)),
     }
     content["files"] = {n: {"bytes": len(data), "crc32": f"{zlib.crc32(data):08x}"} for n, data in files.items()}
     return _write_folder(folder, files, content)
@@ -78,17 +87,28 @@ def _beside(folder: Path) -> Path:
     return folder.with_name(f".{folder.name}.{uuid.uuid4().hex}{PARTIAL_SUFFIX}")
 
 
-def _agent(view: AgentView, agent: str, files: Files) -> dict:
+def _checked(frame: Frame, what: str, check, *args):
+    try:
+        return check(*args)
+    except GeometryError as error:
+        raise RecordError(f"frame {frame.frame_id}: {what}{error}") from error
+
+
+def _agent(frame: Frame, agent: str, files: Files) -> dict:
+    pose = getattr(frame, agent).world_from_agent
     return {
-        "world_from_agent": _matrix(view.world_from_agent),
-        "camera": _camera(view, agent, files),
-        "lidar": _lidar(view, agent, files),
+        "world_from_agent": _matrix(_checked(frame, f"{agent}.world_from_agent: ", check_upright, pose)),
+        "camera": _camera(frame, agent, files),
+        "lidar": _lidar(frame, agent, files),
     }
 
 
-def _camera(view: AgentView, agent: str, files: Files) -> dict | None:
+def _camera(frame: Frame, agent: str, files: Files) -> dict | None:
+    view: AgentView = getattr(frame, agent)
     camera = view.camera
     if camera is None:
+        if view.image is not None or view.depth is not None:
+            raise RecordError(f"frame {frame.frame_id}: {agent}: an image or a depth map without its camera")
         return None
     entry: dict[str, Any] = {
         **{key: int(getattr(camera, key)) for key in ("width", "height")},
@@ -97,30 +117,25 @@ def _camera(view: AgentView, agent: str, files: Files) -> dict | None:
         "image": None,
         "depth": None,
     }
-    for key, array, encode, name in (
-        ("image", view.image, encode_image, f"{agent}_camera.png"),
-        ("depth", view.depth, encode_depth, f"{agent}_depth.png"),
+    for key, array, check, encode, name in (
+        ("image", view.image, check_image, encode_image, f"{agent}_camera.png"),
+        ("depth", view.depth, check_depth, encode_depth, f"{agent}_depth.png"),
     ):
         if array is not None:
-            if array.shape[:2] != (camera.height, camera.width):
-                raise RecordError(
-                    f"{agent}.{key}: its shape {array.shape} is not the camera's {camera.height} x {camera.width}"
-                )
-            entry[key], files[name] = name, encode(array)
+            checked = _checked(frame, f"{agent}.{key}: ", check, array, camera.height, camera.width)
+            entry[key], files[name] = name, encode(checked)
     return entry
 
 
-def _lidar(view: AgentView, agent: str, files: Files) -> dict | None:
+def _lidar(frame: Frame, agent: str, files: Files) -> dict | None:
+    view: AgentView = getattr(frame, agent)
     if view.scan is not None:
         name = f"{agent}_lidar.scan.zst"
         files[name] = encode_scan(view.scan)
         return {"format": RANGE_IMAGE, "file": name, **_model(view.scan)}
     if view.points is not None:
-        points = np.asarray(view.points)
-        if points.ndim != 2 or points.shape[1] != 4 or not np.isfinite(points).all():
-            raise RecordError(f"{agent}.points: expected finite (P, 4), found {points.shape} or values not finite")
         name = f"{agent}_lidar.bin"
-        files[name] = points.astype("<f4").tobytes()
+        files[name] = _checked(frame, f"{agent}.points: ", check_points, view.points).tobytes()
         return {"format": POINT_LIST, "file": name}
     return None
 

@@ -1,4 +1,4 @@
-"""How well the cameras' depth distributions know where road users stand, by distance: the result of depth training."""
+"""Depth errors on road users by distance, from the cameras' depth distributions: the result of depth training."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ HEADER = (
 
 @dataclass(frozen=True)
 class DepthErrors:
-    """Of the feature pixels on road users: true depth (P,) m, error (P,) m, and the error in image pixels (P,)."""
+    """Errors at the feature pixels on road users: true depth (P,) m, error (P,) m, and error in image pixels (P,)."""
 
     depth_m: np.ndarray
     error_m: np.ndarray
@@ -84,7 +84,7 @@ def floor_pixels(depth: Tensor, estimate: Tensor, to_cam: Tensor, to_img: Tensor
 def depth_errors(
     model: nn.Module, dataset: Any, ranks: Ranks, batch_size: int = 1, workers: int = 0
 ) -> dict[str, DepthErrors]:
-    """By camera, over the whole split; ``model`` is a ``CameraDepth`` network. Ranks share the frames."""
+    """Depth errors of each camera over the split; ``model`` is a ``CameraDepth`` network. Ranks share the frames."""
     model.eval()
     mine: dict[str, list[DepthErrors]] = {source: [] for source in model.sources}
     frames = range(ranks.rank, len(dataset), ranks.world)

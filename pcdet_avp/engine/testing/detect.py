@@ -1,4 +1,4 @@
-"""From a trained network to the benchmark table: detections of a split, for any of the sensor combinations."""
+"""Detections of a trained network on a split, for any of the sensor sets: the input of the benchmark table."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from pcdet_avp.structures.sensor_set import SENSOR_SETS, SOURCES, SensorSet, com
 
 @dataclass(frozen=True)
 class DetectionRun:
-    """By combination: detections, one per frame of the split in its order, and bytes of every map sent."""
+    """For each sensor set: detections, one per frame of the split in its order, and bytes of every map sent."""
 
     detections: dict[str, list[Detections]]
     sizes: dict[str, dict[str, list[int]]]  # combination -> modality -> bytes; empty where no bytes were made

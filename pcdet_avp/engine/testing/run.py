@@ -1,4 +1,4 @@
-"""From a checkpoint to the benchmark table and its JSON file."""
+"""The benchmark of a checkpoint: table and JSON file."""
 
 from __future__ import annotations
 

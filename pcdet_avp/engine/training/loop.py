@@ -110,7 +110,7 @@ def _between_steps(trainer, saver, logger, monitor, budget, interrupt) -> None:
 
 
 def _plan(trainer: Trainer, logger: logging.Logger, monitor: Monitor | None, budget: TimeBudget) -> None:
-    """From here on the schedule ends when the budget does. Rank 0 decides; it is the schedule of a resumed run, too."""
+    """Change the schedule so that it ends with the time budget. Rank 0 decides. A resumed run keeps this schedule."""
     again = budget.has_plan
     total = budget.plan(trainer.iteration, trainer.elapsed_s, trainer.planned) if trainer.ranks.is_first else None
     total = trainer.ranks.from_first(total)

@@ -17,7 +17,10 @@ BAR_SMOOTHING = 0.05  # sensor combinations differ in cost, so the rate is taken
 
 
 class Monitor:
-    """Of rank 0. Curves are means over ``interval`` iterations; a resumed run continues them at ``start``."""
+    """Log and curves of a run, written by rank 0.
+
+    Curves are means over ``interval`` iterations; a resumed run continues them at ``start``.
+    """
 
     def __init__(self, folder: Path, logger: logging.Logger, start: int, total: int, interval: int) -> None:
         self.logger, self.interval = logger, interval

@@ -9,6 +9,7 @@ from typing import Any
 import torch
 
 from pcdet_avp.config import PATH_KEYS, plain
+from pcdet_avp.config_scenes import completed
 from pcdet_avp.engine.checkpoint import load_model
 from pcdet_avp.engine.seed import random_state, restore_random_state, seed_torch
 from pcdet_avp.engine.training.sampler import BatchPlan
@@ -70,13 +71,22 @@ def check_config(cfg: Mapping, theirs: Mapping | None, path: str) -> None:
     """Refuse to go on with a run of another configuration; names the first key that differs."""
     if theirs is None:
         raise CheckpointError(f"{path}: says nothing of its configuration; use --pretrained_model for its weights")
-    difference = _first_difference(plain(cfg), theirs, ())
+    difference = _first_difference(_complete(cfg), _complete(theirs), ())
     if difference:
         key, ours, found = difference
         raise CheckpointError(
             f"{path}: made with {key} {found!r}, this run has {ours!r}; choose another --extra_tag, "
             "or take the weights alone with --pretrained_model"
         )
+
+
+def _complete(cfg: Mapping) -> dict[str, Any]:
+    """A configuration as plain values, with the keys of generated scenes that an older one lacks."""
+    content = plain(cfg)
+    data = content.get("DATA_CONFIG") or {}
+    if isinstance(data.get("GENERATE"), dict):
+        content["DATA_CONFIG"] = {**data, "GENERATE": completed(data["GENERATE"])}
+    return content
 
 
 def _first_difference(ours: Any, theirs: Any, above: tuple[str, ...]) -> tuple[str, Any, Any] | None:

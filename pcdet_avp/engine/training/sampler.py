@@ -20,7 +20,7 @@ SHUFFLE, COMBINATION = 0, 1  # what a stream of random numbers is for
 
 @dataclass(frozen=True)
 class BatchPlan:
-    """The samples of every global batch, from now to the end of days."""
+    """The samples of every global batch, without end."""
 
     samples: int  # in the data set
     batch_size: int  # over all ranks

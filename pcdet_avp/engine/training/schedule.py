@@ -41,7 +41,7 @@ class OneCycle:
 
     @classmethod
     def from_config(cls, optim_cfg: dict, total: int) -> OneCycle:
-        """From OPTIMIZATION's LR, DIV_FACTOR, PCT_START and MOMS."""
+        """The schedule of OPTIMIZATION's LR, DIV_FACTOR, PCT_START and MOMS."""
         moms = require(optim_cfg, "MOMS", list)
         if len(moms) != 2:
             raise ConfigError(f"OPTIMIZATION.MOMS: expected two values, found {moms}")
@@ -49,7 +49,7 @@ class OneCycle:
         return cls(total, lr, div, pct, (float(moms[0]), float(moms[1])))
 
     def share(self, iteration: int) -> float:
-        """How much of the cycle lies behind, from 0 to 1, when iteration ``iteration`` (from 0) begins."""
+        """Share of the cycle that is done, from 0 to 1, when iteration ``iteration`` (from 0) begins."""
         start, share = self.since
         return min(share + (1 - share) * (iteration - start) / max(self.total - start, 1), 1.0)
 
@@ -63,10 +63,10 @@ class OneCycle:
         return _cosine(self.peak_lr, start_lr / FINAL_DIV, down), _cosine(*self.betas[::-1], down)
 
     def ending_at(self, total: int, iteration: int) -> OneCycle:
-        """The same cycle up to ``iteration``; from there it hurries or dawdles to end after ``total`` iterations."""
+        """The same cycle up to ``iteration``, stretched or compressed from there to end after ``total`` iterations."""
         return replace(self, total=total, since=(iteration, self.share(iteration)))
 
 
 def _cosine(start: float, end: float, share: float) -> float:
-    """From ``start`` to ``end`` along half a cosine; plain floats, which ``torch.load(weights_only=True)`` accepts."""
+    """The value between ``start`` and ``end`` along half a cosine; a plain float, for safe checkpoints."""
     return end + (start - end) / 2 * (1 + math.cos(math.pi * share))

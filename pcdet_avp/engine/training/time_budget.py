@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 
 WARM_UP = 2  # first iterations of a process, slower than the rest
-# The first plan waits for one of these: (measured iterations, share of the budget gone).
+# The first plan is made when one of these is reached: (measured iterations, share of the budget used).
 ENOUGH = ((36, 0.0), (12, 0.05), (1, 0.15))
 REPLAN_SHARE = 0.05  # of the budget, between two plans: a machine that others use is not always as fast
 RESERVE = 0.98  # the rest is for the last checkpoint
@@ -49,5 +49,5 @@ class TimeBudget:
 
     @property
     def seconds_per_iteration(self) -> float:
-        """As of the last plan."""
+        """Mean time of an iteration by the last plan, seconds."""
         return sum(self._means.values()) / len(self._means)

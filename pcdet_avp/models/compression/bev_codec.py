@@ -30,7 +30,7 @@ class Latent:
     def sparse(self, sample: int = 0) -> Tensor:
         """One sample's map as torch's hybrid sparse tensor (h, w, c): where its occupied cells are, and their vectors.
 
-        For whoever sends maps by other means than ``link.packet``; ``to_dense()`` gives the map back.
+        For senders of maps that do not use ``link.packet``; ``to_dense()`` gives the map back.
         """
         values = self.values[sample]
         rows, columns = (values != 0).any(0).nonzero(as_tuple=True)

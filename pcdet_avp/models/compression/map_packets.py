@@ -14,7 +14,7 @@ from pcdet_avp.models.compression.bev_codec import Latent
 
 
 def precisions(codec: nn.Module, asked_by: str) -> dict[str, str]:
-    """What each modality's maps travel as; ``asked_by`` names the wish for bytes where it cannot be granted."""
+    """Precision of each modality's maps as sent; ``asked_by`` is the option that asked for bytes, for an error."""
     found = {modality: getattr(its_codec, "precision", None) for modality, its_codec in codec.codecs.items()}
     if None in found.values():
         raise ConfigError(f"{asked_by}: MODEL.COMPRESSION sends maps as they are; there are no bytes of them")

@@ -1,4 +1,4 @@
-"""From the head's boxes and logits to detections: score threshold and rotated NMS per class, nothing upon the ego."""
+"""Detections from the head's boxes and logits: score threshold, rotated NMS per class, boxes on the ego removed."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def per_class(value: float | Mapping[str, float], class_names: Sequence[str], ke
 
 
 def count_recalled(found: Sequence[dict], gt_boxes: Tensor | None, overlaps: Sequence[float]) -> dict[str, int]:
-    """How many objects there are, and how many have a detection of any class with at least this 3D IoU."""
+    """Number of objects, and of those that have a detection of any class with at least this 3D IoU."""
     counts = {"gt": 0} | {f"rcnn_{overlap}": 0 for overlap in overlaps}
     if gt_boxes is None or not overlaps:
         return counts

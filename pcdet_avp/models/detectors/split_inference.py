@@ -58,7 +58,7 @@ class VehicleHalf:
 
     @torch.no_grad()
     def run(self, batch_dict: dict, world_from_ego: Pose, maps: Collection[LatentMap]) -> dict:
-        """As ``detect``, up to the head's boxes and logits (see ``AnchorHeadSingle``)."""
+        """The head's boxes and logits (see ``AnchorHeadSingle``) that ``detect`` filters."""
         received = self._received(batch_dict["ego_from_infra"], world_from_ego, maps)
         return self._model.fuse_and_detect({**self._model.encode_vehicle(batch_dict), **received})
 

@@ -1,1 +1,1 @@
-"""From one sensor of one agent to a bird's-eye-view map."""
+"""Encoders, each from one sensor of one agent to a bird's-eye-view map."""

@@ -28,7 +28,7 @@ class DepthBranch(nn.Module):
     """
 
     def add_depth_branch(self, model_cfg: Any) -> None:
-        """From the sections IMAGE_BACKBONE and DEPTH, and CROP_TOP_PX."""
+        """The branch that the sections IMAGE_BACKBONE and DEPTH, and CROP_TOP_PX, describe."""
         depth = model_cfg.DEPTH
         self.crop_px = _crops(model_cfg.get("CROP_TOP_PX") or {})
         self.bins = {agent: DepthBins.from_config(depth, agent) for agent in ("ego", "infra")}

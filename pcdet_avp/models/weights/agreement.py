@@ -25,7 +25,7 @@ CARRIED = "_extra_state"  # name that torch gives to what a module stores beside
 
 @dataclass(frozen=True, eq=False)
 class NetworkMeaning:
-    """Of a network: what it takes its weights for, where a file may differ, and whether it is to be trained further.
+    """What a network takes its weights for, where a file may differ, and whether it is to be trained further.
 
     Training makes good what changes inputs (other sensors, another range, another codec): such differences are a
     warning there, and an error where the weights are used as they are. ``sections``: of a part of a whole network,
@@ -107,10 +107,20 @@ def _accepted(difference: Difference, ours: NetworkMeaning, tensors: Collection[
 def _refuse(refused: list[Difference], path: str | os.PathLike) -> None:
     if refused:
         keys = " ".join(one.key for one in refused[:KEYS_NAMED]) + (" ..." if len(refused) > KEYS_NAMED else "")
-        raise CheckpointError(
-            f"{path}: made with another configuration: {_some(refused)}; its weights would be taken for something "
-            f"else. To use them all the same: --ignore_config {keys}"
-        )
+        why = f"{_some(refused)}; its weights would be taken for something else. To use them all the same: "
+        raise foreign_weights(path, f"{why}--ignore_config {keys}")
+
+
+def foreign_weights(path: str | os.PathLike, difference: str) -> CheckpointError:
+    """The error for a file whose weights belong to another configuration than the network's."""
+    return CheckpointError(f"{path}: made with another configuration: {difference}")
+
+
+def check_shape(key: str, found: tuple[int, ...] | None, expected: tuple[int, ...], path: str | os.PathLike) -> None:
+    """CheckpointError if the tensor ``key`` of a file has another shape than the network's; None: it is not there."""
+    if found != expected:
+        has = "is missing" if found is None else f"has shape {found}"
+        raise foreign_weights(path, f"{key} {has}, this network expects {expected}")
 
 
 def _some(found: list[Difference]) -> str:

@@ -46,7 +46,7 @@ def read_checkpoint(path: str | os.PathLike, device: torch.device | str = "cpu")
 
 
 def iterations_of(path: Path) -> int | None:
-    """How far a checkpoint had come, without reading its tensors; -1 if it does not say, None if it cannot be read."""
+    """Iterations of a checkpoint, read without its tensors; -1 if it does not say, None if it cannot be read."""
     try:
         with torch.serialization.safe_globals(NUMPY_NUMBERS):
             content = torch.load(path, map_location="meta", weights_only=True, mmap=_is_zip(path))

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from pcdet_avp.errors import CheckpointError
 from pcdet_avp.models.norm import drop_foreign_norms
-from pcdet_avp.models.weights.agreement import CARRIED, check_meaning
+from pcdet_avp.models.weights.agreement import CARRIED, check_meaning, check_shape
 from pcdet_avp.models.weights.openpcdet import is_openpcdet, load_openpcdet
 
 
@@ -47,9 +47,8 @@ def load_weights(model: nn.Module, content: Mapping[str, Any], path: str | os.Pa
 
 def _check_shapes(state: Mapping[str, Tensor], own: Mapping[str, Tensor], path: str | os.PathLike) -> None:
     for key, value in own.items():
-        if key in state and state[key].shape != value.shape:
-            expected, found = tuple(value.shape), tuple(state[key].shape)
-            raise CheckpointError(f"{path}: belongs to another configuration: {key} has shape {found}, not {expected}")
+        if key in state:
+            check_shape(key, tuple(state[key].shape), tuple(value.shape), path)
 
 
 def _some(keys: list[str]) -> str:

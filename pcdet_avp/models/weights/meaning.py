@@ -129,7 +129,7 @@ class Difference:
 
 
 def meaning_of(cfg: Mapping) -> dict[str, Any]:
-    """Of CLASS_NAMES, DATA_CONFIG and MODEL of a whole configuration, as far as it has them; plain values by key."""
+    """Meaning of weights: CLASS_NAMES, DATA_CONFIG and MODEL as plain values by key, as far as they are there."""
     known = {key: plain(cfg[key]) for key in ("CLASS_NAMES", "DATA_CONFIG", "MODEL") if key in cfg}
     if "MODEL" in known:
         known["MODEL"] = _normalised(known["MODEL"])

@@ -24,7 +24,7 @@ def is_openpcdet(state: Mapping[str, Tensor]) -> bool:
 
 @dataclass
 class ImportReport:
-    """By OpenPCDet's names: what went where, and what did not and why."""
+    """Result of an import, by OpenPCDet's names: the tensor that each became, or why it was left out."""
 
     loaded: dict[str, list[str]] = field(default_factory=dict)  # theirs -> ours
     other_shape: dict[str, str] = field(default_factory=dict)  # theirs -> "(found) here (expected)"

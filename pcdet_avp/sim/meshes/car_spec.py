@@ -11,7 +11,7 @@ from pcdet_avp.errors import GeometryError
 
 @dataclass(frozen=True)
 class BodyShape:
-    """Where things are: x as a share of the length from the centre, z as a share of the height."""
+    """Proportions of a body style: x as a share of the length from the centre, z as a share of the height."""
 
     cowl_x: float  # foot of the windscreen
     screen_top_x: float
@@ -29,18 +29,71 @@ class BodyShape:
     side_gap_x: tuple[float, ...]  # shut lines of the doors
 
 
+# Our own choice.
 BODY_SHAPES = {
     "hatchback": BodyShape(
-        0.225, 0.02, -0.36, -0.475, 0.54, 0.64, 0.65, 0.58, 0.20, 0.13, 0.23, 0.325, -0.37, (0.19, -0.06, -0.26)
+        cowl_x=0.225,
+        screen_top_x=0.02,
+        roof_end_x=-0.36,
+        tail_glass_x=-0.475,
+        nose_z=0.54,
+        cowl_z=0.64,
+        deck_z=0.65,
+        tail_z=0.58,
+        front_taper=0.20,
+        rear_taper=0.13,
+        tumblehome=0.23,
+        wheel_radius_m=0.325,
+        glazed_to_x=-0.37,
+        side_gap_x=(0.19, -0.06, -0.26),
     ),
     "sedan": BodyShape(
-        0.20, 0.015, -0.20, -0.365, 0.52, 0.63, 0.68, 0.64, 0.20, 0.15, 0.25, 0.335, -0.27, (0.17, -0.06, -0.24)
+        cowl_x=0.20,
+        screen_top_x=0.015,
+        roof_end_x=-0.20,
+        tail_glass_x=-0.365,
+        nose_z=0.52,
+        cowl_z=0.63,
+        deck_z=0.68,
+        tail_z=0.64,
+        front_taper=0.20,
+        rear_taper=0.15,
+        tumblehome=0.25,
+        wheel_radius_m=0.335,
+        glazed_to_x=-0.27,
+        side_gap_x=(0.17, -0.06, -0.24),
     ),
     "suv": BodyShape(
-        0.22, 0.055, -0.41, -0.485, 0.55, 0.62, 0.63, 0.58, 0.16, 0.08, 0.20, 0.375, -0.40, (0.19, -0.05, -0.25)
+        cowl_x=0.22,
+        screen_top_x=0.055,
+        roof_end_x=-0.41,
+        tail_glass_x=-0.485,
+        nose_z=0.55,
+        cowl_z=0.62,
+        deck_z=0.63,
+        tail_z=0.58,
+        front_taper=0.16,
+        rear_taper=0.08,
+        tumblehome=0.20,
+        wheel_radius_m=0.375,
+        glazed_to_x=-0.40,
+        side_gap_x=(0.19, -0.05, -0.25),
     ),
     "van": BodyShape(
-        0.36, 0.235, -0.485, -0.497, 0.42, 0.50, 0.50, 0.47, 0.15, 0.02, 0.11, 0.34, 0.03, (0.32, 0.10, -0.14)
+        cowl_x=0.36,
+        screen_top_x=0.235,
+        roof_end_x=-0.485,
+        tail_glass_x=-0.497,
+        nose_z=0.42,
+        cowl_z=0.50,
+        deck_z=0.50,
+        tail_z=0.47,
+        front_taper=0.15,
+        rear_taper=0.02,
+        tumblehome=0.11,
+        wheel_radius_m=0.34,
+        glazed_to_x=0.03,
+        side_gap_x=(0.32, 0.10, -0.14),
     ),
 }
 

@@ -1,4 +1,4 @@
-"""Rays that come again: a sensor that stands still before a scene that never changes asks only once.
+"""Cache of first hits of a fixed sensor in the static scene.
 
 First hits are remembered as a whole, shadow rays one by one (see ``standing_shadows``).
 """
@@ -12,7 +12,7 @@ import numpy as np
 
 from pcdet_avp.sim.rays.shadow_cache import StandingShadows
 
-# Places that are kept in mind: of both agents' sensors, and of both cameras, with room for one that moves. At the
+# Sensor positions that are kept: of both agents' sensors, and of both cameras, with room for one that moves. At the
 # paper's size a view takes up to 15 MB, a camera's shadow rays 39 MB.
 MOST_VIEWS, MOST_SHADOWS = 6, 3
 Found = dict[str, np.ndarray]  # tfar, primID, u, v: what Embree tells of each ray
@@ -37,7 +37,7 @@ class StandingViews:
     def recall(self, origin: np.ndarray, directions: np.ndarray, limit: float, ask: FirstHits) -> Found | None:
         """First hits of all rays from an origin (3,), or None while it is not worth remembering them.
 
-        ``ask`` finds them. Whoever gets them must not write into them.
+        ``ask`` finds them. The caller must not write into them.
         """
         key = origin.tobytes(), directions.shape, float(limit)
         came_before, view = key in self._views, self._views.pop(key, None)

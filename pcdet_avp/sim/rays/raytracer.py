@@ -18,7 +18,7 @@ from pcdet_avp.sim.rays.face_tables import FaceRoom
 from pcdet_avp.sim.rays.shadow_cache import StandingShadows
 from pcdet_avp.sim.rays.triangle_scene import TriangleScene, ray_arrays
 
-__all__ = ["FAR_M", "NO_FACE", "RayHits", "RayTracer", "TriangleScene", "ray_arrays"]
+__all__ = ["FAR_M", "NO_FACE", "RayHits", "RayTracer", "TriangleScene"]
 
 NO_FACE = -1
 FAR_M = np.float32(1e6)

@@ -1,4 +1,4 @@
-"""Shadow rays of a camera that stands still: most of them come again, and what stands still blocks them again."""
+"""Cache of shadow-ray results of a fixed camera in the static scene."""
 
 from __future__ import annotations
 

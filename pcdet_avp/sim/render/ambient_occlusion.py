@@ -1,4 +1,7 @@
-"""How much of the light from all around reaches a point: short rays from every second pixel, averaged over 4 x 4."""
+"""Ambient occlusion: the share of the light from all around that reaches a point.
+
+Short rays from every second pixel, averaged over 4 x 4.
+"""
 
 from __future__ import annotations
 

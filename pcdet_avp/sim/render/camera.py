@@ -11,11 +11,9 @@ from pcdet_avp.sim.rays.raytracer import RayTracer
 from pcdet_avp.sim.rays.shadow_cache import ray_slots
 from pcdet_avp.sim.render import image_sensor, shading
 from pcdet_avp.sim.render.ambient_occlusion import ambient_visibility
-from pcdet_avp.sim.render.lights import KEY, Lighting, draw_lighting, headlamps_of
+from pcdet_avp.sim.render.lights import KEY, Lighting
 from pcdet_avp.structures.camera import PinholeCamera
 from pcdet_avp.structures.pose import Pose
-
-__all__ = ["Lighting", "Rendered", "draw_lighting", "headlamps_of", "render"]
 
 MID_GREY = 0.18
 BAND_ROWS = 64  # even: the shading's pattern spans two rows

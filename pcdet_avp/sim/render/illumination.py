@@ -99,7 +99,7 @@ def direct_light(lamps, beams, beam_power, i, j, px, py, pz, nx, ny, nz, values)
 
 @numba.njit(inline="always")
 def strongest(values):
-    """Where the largest value stands."""
+    """Index of the largest value."""
     best, top = 0, values[0]
     for k in range(1, len(values)):
         if values[k] > top:

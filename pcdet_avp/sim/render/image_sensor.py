@@ -1,4 +1,4 @@
-"""From radiance to an image: lens softness and vignetting, exposure, sensor noise, gamma."""
+"""Conversion of radiance to an image: lens softness and vignetting, exposure, sensor noise, gamma."""
 
 from __future__ import annotations
 

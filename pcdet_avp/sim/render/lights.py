@@ -27,12 +27,14 @@ HALOGEN = (1.0, 0.94, 0.84)
 
 @dataclass(frozen=True)
 class Lighting:
-    """The light of one moment and how the cameras take it.
+    """The light at one time and the exposure and noise of the cameras.
 
     lamps: ceiling lamps. ambient: bounced light that is everywhere, as a share of a healthy lamp's floor light.
     headlamps: world_from_headlamps of every car with its lights on: the middle between its two lamps, x forward.
-    shadow_lamps: how many lamps per pixel (the strongest) cast shadows. gain: signal per radiance.
-    read_noise: standard deviation of the signal in the dark; shot_noise: at full scale, growing with its root.
+    exposure: factor on the signal; at 1 a mid-grey floor under healthy lamps gives ``KEY``. gamma: exponent of the
+    transfer curve from signal to pixel value. read_noise: standard deviation of the signal in the dark; shot_noise:
+    at full scale, growing with the signal's root. shadow_lamps: how many lamps per pixel (the strongest) cast shadows,
+    0 to 4. ambient_occlusion: whether corners are darker.
     """
 
     lamps: tuple[Lamp, ...]

@@ -1,7 +1,8 @@
 """The light that leaves every visible point: one pass over the pixels, float32.
 
 Reflection is Lambert's plus a Fresnel-weighted coat on paint, glass and the floor that mirrors lamps and the
-ceiling. The strongest lamps of each pixel are listed as shadow rays; the fainter ones share their fate in part.
+ceiling. The strongest lamps of each pixel are listed as shadow rays; the fainter ones are partly dimmed
+with them.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""Who stands and moves where: scenes to train on and the closed loop's scenarios."""
+"""Scenes to train on and the closed loop's scenarios: the road users in a garage and their motion."""

@@ -95,7 +95,8 @@ def crossing_episode(cfg: CrossingConfig, name: str, seed: int, trial: int, crui
 
 
 def _threat(crossing: Crossing, cruising_mps: float) -> Threat:
-    """Released when the ego's front comes within v_c times the time to walk to the lane's middle, given or taken."""
+    """The pedestrian is released when the ego's front comes within v_c times the time to walk to the lane's middle,
+    shifted by the drawn offset."""
     walking_s = crossing.meet_after_m / crossing.pedestrian.trajectory.speed
     release_x = crossing.meet_x - cruising_mps * (walking_s - crossing.arrival_offset_s)
     return Threat(crossing.pedestrian.object_id, crossing.clear_after_m, release_x)

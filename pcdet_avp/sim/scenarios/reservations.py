@@ -1,4 +1,4 @@
-"""Who fills which piece of floor when, so that nobody is scripted into anybody else."""
+"""Space-time reservations that keep scripted road users from overlapping."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ REACH_M = 8.0  # the centres of two cars that touch are nearer than this
 
 
 class Reservations:
-    """Footprints of everybody accepted so far: what never moves, and what moves, at ``times_s`` (T,)."""
+    """Footprints of the road users accepted so far: what never moves, and what moves, at ``times_s`` (T,)."""
 
     def __init__(self, times_s: np.ndarray, standing: np.ndarray) -> None:
         """``standing`` (M, 7): boxes that fill their floor for ever."""
         self._times_s, self._standing, self._moving = np.asarray(times_s), standing, []
 
     def claim(self, trajectory: Trajectory, size: tuple[float, float, float], margin_m: float) -> bool:
-        """Reserve the floor under a trajectory if it stays ``margin_m`` clear of everybody; say whether it was free."""
+        """Reserve the floor under a trajectory if it stays ``margin_m`` clear of all others. Whether it was free."""
         footprint = self._footprint(trajectory, size)
         if not self._free(footprint + [0, 0, 0, 2 * margin_m, 2 * margin_m, 0, 0]):
             return False

@@ -1,7 +1,7 @@
 """Episodes of the closed loop: who does what in front of the ego, as pure geometry and timing.
 
 A ``Scenario`` is a blueprint: every episode takes a fresh ``World`` from it, so that all sensor combinations and
-perceptions meet the very same people. No mesh is built before somebody casts a ray.
+perceptions meet the very same road users. No mesh is built before the first ray is cast.
 """
 
 from __future__ import annotations
@@ -46,12 +46,12 @@ class Scenario:
     ego_start_x: float  # of its centre
     threats: tuple[Threat, ...]
     first_x: float  # where the first gap, or the conflict zone, begins
-    end_x: float  # where the ego's front is when it has passed everybody
+    end_x: float  # where the ego's front is when it has passed every threat
     junction: JunctionMap | None = None  # None: vehicles are ignored
     max_lateral_acceleration_mps2: float = 0.0  # m/s2, of the vehicle on rails
 
     def world(self) -> World:
-        """A garage at time 0 with everybody in place and the ego at its start."""
+        """A garage at time 0 with every road user in place and the ego at its start."""
         world = World(self.layout, self.actors, self.lighting)
         world.set_ego(self.ego_start_x, self.layout.lane_y, 0.0)
         return world

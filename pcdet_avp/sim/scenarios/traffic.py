@@ -74,7 +74,7 @@ def exit_right(layout: GarageLayout, radius: float) -> Path:
 
 
 def enter_right(layout: GarageLayout, radius: float) -> Path:
-    """From the ego's lane into the side road."""
+    """The path from the ego's lane into the side road."""
     approach = 20.0
     path = Path.from_pose(layout.entry_lane_x - radius - approach, -LANE_OFFSET_M, 0.0).straight(approach)
     path = path.arc(radius, -np.pi / 2)
@@ -82,7 +82,7 @@ def enter_right(layout: GarageLayout, radius: float) -> Path:
 
 
 def enter_left(layout: GarageLayout, radius: float) -> Path:
-    """From the opposite lane, on the mast's side of the junction, into the side road."""
+    """The path from the opposite lane, on the mast's side of the junction, into the side road."""
     start = -ROAD_MARGIN_M
     path = Path.from_pose(start, LANE_OFFSET_M, np.pi).straight(start - layout.entry_lane_x - radius)
     path = path.arc(radius, np.pi / 2)

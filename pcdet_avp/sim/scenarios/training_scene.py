@@ -1,18 +1,18 @@
 """Scenes of the data set: a garage, who is in it, where the ego drives, all drawn from one random generator.
 
-A scene is an episode of a few frames. Nobody runs through anybody at any of its times.
+A scene is an episode of a few frames. No two road users overlap at any of its times.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from pcdet_avp.sim.actors import Actor, Car, Pedestrian, box_at
 from pcdet_avp.sim.garage import GarageLayout
-from pcdet_avp.sim.layouts import GarageConfig, check_ranges, draw_layout
+from pcdet_avp.sim.layouts import draw_layout
 from pcdet_avp.sim.meshes.car_spec import CarSpec, draw_car
 from pcdet_avp.sim.meshes.pedestrian_spec import draw_pedestrian
 from pcdet_avp.sim.render.lights import draw_lighting
@@ -27,48 +27,11 @@ from pcdet_avp.sim.scenarios.reservations import Reservations
 from pcdet_avp.sim.scenarios.traffic import draw_junction_route, draw_lane_route, draw_parked
 from pcdet_avp.sim.trajectories import Path, Route, Trajectory
 from pcdet_avp.sim.world import EGO_SPEC, World
+from pcdet_avp.structures.scene_config import EgoZone, SceneConfig
 
 CAR_MARGIN_M, PEDESTRIAN_MARGIN_M = 0.3, 0.12
 TRIES = 30  # a road user that finds no free floor this often is left out
 STEPS_PER_FRAME = 5  # overlap is checked this often per frame interval
-
-
-@dataclass(frozen=True)
-class EgoZone:
-    """Where the ego is while a scene lasts, as distance before the mast, and what is special there."""
-
-    share: float  # of the scenes
-    before_mast_m: tuple[float, float]
-    junction_share: float  # of these scenes have cars turning at the junction
-
-
-@dataclass(frozen=True)
-class SceneConfig:
-    """What a training scene is drawn from."""
-
-    frames: int = 10
-    frame_interval_s: float = 0.5
-    garage: GarageConfig = field(default_factory=GarageConfig)
-    # The maps of ego and mast overlap well in the first zone, partly or not at all in the others.
-    zones: tuple[EgoZone, ...] = (
-        EgoZone(0.75, (14.0, 44.0), 0.42),
-        EgoZone(0.15, (2.0, 14.0), 0.42),
-        EgoZone(0.10, (44.0, 110.0), 0.1),
-    )
-    ego_speed_mps: tuple[float, float] = (1.0, 5.0)
-    occupancy: tuple[float, float] = (0.6, 0.92)  # share of the slots that hold a car
-    gap_depth_m: float = 2.0  # people stand up to this far behind the mouth of a gap, most of them in its first half
-    view_m: float = 44.8  # people and driving cars are drawn up to here before the ego
-    in_gap: tuple[int, int] = (3, 6)  # how many people or cars, both ends included
-    crossing: tuple[int, int] = (2, 4)
-    along: tuple[int, int] = (0, 2)
-    on_side_road: tuple[int, int] = (0, 3)
-    at_junction: tuple[int, int] = (1, 2)
-    same_lane: tuple[int, int] = (0, 1)
-    opposite_lane: tuple[int, int] = (0, 2)
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +124,7 @@ class _Cast:
                 self.actors.append(Pedestrian(len(self.actors), spec, trajectory))
 
     def _placed(self, draw: Callable[[], Trajectory], spec: CarSpec, margin_m: float) -> Trajectory | None:
-        """The first of some drawn trajectories that keeps clear of everybody, or None."""
+        """The first of some drawn trajectories that keeps clear of all road users, or None."""
         for _ in range(TRIES):
             trajectory = draw()
             if self.floor.claim(trajectory, spec.size, margin_m):

@@ -1,4 +1,4 @@
-"""Rows of parked vehicles that hide whoever steps out: for ``pedestrian_late``.
+"""Rows of parked vehicles that hide a pedestrian who steps out: for ``pedestrian_late``.
 
 Every bay begins, as the ego comes, with a van whose tail stands out into the road; the rest are low cars, driven
 right in, over which the mast looks.

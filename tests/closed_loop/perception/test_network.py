@@ -8,10 +8,14 @@ import pytest
 import torch
 
 from pcdet_avp.closed_loop.perception import network as driving_network
+from pcdet_avp.closed_loop.perception.vehicle_unit import Onboard
 from pcdet_avp.config import load_config
 from pcdet_avp.engine.checkpoint import save
-from pcdet_avp.errors import CheckpointError, ConfigError
+from pcdet_avp.errors import CheckpointError, ConfigError, SensorError
 from pcdet_avp.models.weights.checkpoint_file import THRESHOLDS_KEY
+from pcdet_avp.structures.frame import AgentView, Frame
+from pcdet_avp.structures.pose import Pose
+from pcdet_avp.structures.sensor_set import SensorSet
 
 CFG = str(Path(__file__).parents[3] / "cfgs" / "avp" / "cp_tiny.yaml")
 THRESHOLDS = {"Car": 0.3, "Pedestrian": 0.45}
@@ -44,6 +48,22 @@ def test_a_detection_counts_from_its_class_s_threshold_on(ckpt):
     found = post.detect(boxes, scores)
     assert found["pred_labels"].tolist() == [2, 1]
     assert found["pred_boxes"][:, 0].tolist() == [20.0, 10.0]
+
+
+def test_detections_are_those_of_a_vehicle_that_received_nothing():
+    driving = driving_network.untrained(load_config(CFG), seed=3)
+    for k in range(len(driving.input.class_names)):
+        driving.network.post_processing.min_scores[k] = 0.0
+    points = np.random.default_rng(0).uniform([0, -8, 0, 0], [30, 8, 2, 1], (2000, 4)).astype(np.float32)
+    frame = Frame("a/0", 0.0, AgentView(Pose.identity(), points=points), AgentView(Pose.identity(), points=points))
+    alone = driving.detect(frame, SensorSet.parse("CL+none"))
+    received_nothing = Onboard(driving, hold_s=0.1).detect(frame, True, True, Pose.identity(), {})
+    assert len(alone.boxes) > 0
+    np.testing.assert_allclose(alone.boxes, received_nothing.boxes, atol=1e-5)
+    np.testing.assert_array_equal(alone.names, received_nothing.names)
+    assert not np.array_equal(alone.scores, driving.detect(frame, SensorSet.parse("CL+CL")).scores)
+    with pytest.raises(SensorError, match="a/0"):
+        driving.detect(frame, SensorSet.parse("C+none"))
 
 
 def test_without_chosen_thresholds_a_warning_says_so(ckpt, tmp_path, caplog):

@@ -9,7 +9,6 @@ from pcdet_avp.closed_loop.sweep.crash_statistics import (
     bounded_speed,
     crash_bound,
     crash_interval,
-    describe,
     max_safe_speed,
 )
 from pcdet_avp.errors import ConfigError
@@ -20,7 +19,6 @@ def test_no_crash_in_twenty_is_compatible_with_14_to_17_percent():
     """All miss with probability (1 - p)^20: 0.05 at p = 13.9 %, 0.025 at p = 16.8 %."""
     assert crash_bound(0, 20) == pytest.approx(1 - 0.05 ** (1 / 20))
     assert crash_interval(0, 20) == pytest.approx((0.0, 1 - 0.025 ** (1 / 20)))
-    assert describe(0, 20) == "0/20 [0.0, 16.8] %"
 
 
 @given(st.integers(1, 60), st.floats(0, 1))

@@ -1,6 +1,7 @@
 """Videos of episodes: time can be turned back, and what is drawn lies where it stood."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -31,7 +32,7 @@ from pcdet_avp.structures.sensor_set import SensorSet
 from pcdet_avp.visualization.draw import BevCanvas
 from pcdet_avp.visualization.time_strip import LEFT_PX, RIGHT_PX, Curve, TimeStrip
 
-TINY = load_config("cfgs/dataset_configs/avp_tiny.yaml")
+TINY = load_config(Path(__file__).parents[3] / "cfgs" / "dataset_configs" / "avp_tiny.yaml")
 
 
 class WithRoadsideOnly:

@@ -23,6 +23,7 @@ from pcdet_avp.engine.testing.detect import detect
 from pcdet_avp.engine.training.run import TrainOptions, build_trainer
 from pcdet_avp.engine.training.sampler import CombinationBatchSampler
 from pcdet_avp.evaluation import GroundTruth, evaluate
+from pcdet_avp.evaluation.inputs import Wedge
 from pcdet_avp.generate import SceneJob, make_scene, plan
 from pcdet_avp.structures.frame import DIFFICULTIES
 from pcdet_avp.structures.sensor_set import SENSOR_SETS, SOURCES
@@ -70,9 +71,10 @@ def seen_by(combo, frames):
     """The frames' objects: easy are those that a sensor of the combination sees, the others invisible."""
     used = np.array(SENSOR_SETS[combo].mask)
     for frame_id in frames.frame_ids:
-        labels = read_frame(frames.root_path, frame_id, sources=()).labels
+        frame = read_frame(frames.root_path, frame_id, sources=())
+        labels, wedge = frame.labels, Wedge.of_camera(frame.ego.camera)
         seen = ((labels.hit_counts >= ENOUGH_HITS) & used).any(1)
-        yield GroundTruth(frame_id, labels.boxes, labels.names, np.where(seen, EASY, INVISIBLE))
+        yield GroundTruth(frame_id, labels.boxes, labels.names, np.where(seen, EASY, INVISIBLE), wedge)
 
 
 @pytest.mark.parametrize("combo", SENSOR_SETS)

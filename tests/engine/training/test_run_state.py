@@ -1,10 +1,12 @@
 """A run that was killed and resumed is the run that never stopped, to the last bit."""
 
 import copy
+from pathlib import Path
 
 import pytest
 import torch
 
+from pcdet_avp.config import load_config, plain
 from pcdet_avp.engine import checkpoint
 from pcdet_avp.engine.training.run_state import check_config, restore_run, run_state
 from pcdet_avp.errors import CheckpointError
@@ -68,6 +70,16 @@ def test_bare_weights_are_no_run_to_go_on_with(toy):
     trainer = toy.make_trainer()
     with pytest.raises(CheckpointError, match="use --pretrained_model"):
         restore_run(trainer, {"model_state": trainer.model.state_dict()}, "w.pth")
+
+
+def test_a_run_of_a_time_before_the_scenes_settings_were_written_out_goes_on():
+    cfg = load_config(Path(__file__).parents[3] / "cfgs" / "avp" / "cp_tiny.yaml")
+    theirs = plain(cfg)
+    del theirs["DATA_CONFIG"]["GENERATE"]["GARAGE"], theirs["DATA_CONFIG"]["GENERATE"]["SCENE"]
+    check_config(cfg, theirs, "a.pth")
+    cfg.DATA_CONFIG.GENERATE.SCENE.IN_GAP = [0, 1]
+    with pytest.raises(CheckpointError, match=r"made with DATA_CONFIG\.GENERATE\.SCENE\.IN_GAP \[3, 6\]"):
+        check_config(cfg, theirs, "a.pth")
 
 
 def test_a_run_may_go_on_with_new_scenes_but_not_with_other_ones_of_the_same_number():

@@ -13,8 +13,16 @@ from pcdet_avp.sim.meshes.loft import quad
 from pcdet_avp.sim.meshes.mesh import Material, box_mesh
 from pcdet_avp.sim.rays.raytracer import RayTracer, TriangleScene
 from pcdet_avp.sim.render import image_sensor
-from pcdet_avp.sim.render.camera import Lighting, headlamps_of, render
-from pcdet_avp.sim.render.lights import BOUNCE, NEAR_M, SMOOTH_AT_M, draw_lighting, nearness
+from pcdet_avp.sim.render.camera import render
+from pcdet_avp.sim.render.lights import (
+    BOUNCE,
+    NEAR_M,
+    SMOOTH_AT_M,
+    Lighting,
+    draw_lighting,
+    headlamps_of,
+    nearness,
+)
 from pcdet_avp.structures.camera import PinholeCamera
 from pcdet_avp.structures.pose import Pose
 

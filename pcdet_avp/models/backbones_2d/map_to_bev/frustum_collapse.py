@@ -14,6 +14,7 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor
 
+from pcdet_avp.models.backbones_2d.map_to_bev import frustum_kernel as kernels
 from pcdet_avp.models.backbones_2d.map_to_bev.pixel_bags import (
     add_table_gradient,
     bag_sum,
@@ -21,7 +22,6 @@ from pcdet_avp.models.backbones_2d.map_to_bev.pixel_bags import (
     corner_offsets,
 )
 from pcdet_avp.models.backbones_2d.map_to_bev.voxel_projection import VoxelProjection
-from pcdet_avp.models.cpu_kernels import frustum as kernels
 from pcdet_avp.models.cpu_kernels.dispatch import usable
 from pcdet_avp.models.precision import without_autocast
 

@@ -1,4 +1,4 @@
-"""Where the voxels of a bird's-eye-view grid lie in a camera's image: the geometry of frustum to BEV."""
+"""Projection of the voxels of a bird's-eye-view grid into a camera's image: the geometry of frustum to BEV."""
 
 from __future__ import annotations
 

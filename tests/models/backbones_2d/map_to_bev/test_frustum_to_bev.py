@@ -1,6 +1,8 @@
 """Frustum to BEV against CaDDN's own way (frustum volume, 3-D grid_sample, 1 x 1 convolution) and trigonometry."""
 
+import gc
 import math
+import weakref
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from torch.nn import functional as F
 
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.models.backbones_2d.map_to_bev import frustum_collapse as module
+from pcdet_avp.models.backbones_2d.map_to_bev import frustum_to_bev
 from pcdet_avp.models.backbones_2d.map_to_bev.frustum_collapse import frustum_collapse
 from pcdet_avp.models.backbones_2d.map_to_bev.frustum_to_bev import FrustumToBev
 from pcdet_avp.models.backbones_2d.map_to_bev.voxel_projection import VoxelProjection, project_voxels
@@ -201,14 +204,39 @@ def test_chunks_do_not_change_the_result(monkeypatch):
     torch.testing.assert_close(to_bev(features, logits, image_from_agent()[None], BINS, SIZE, STRIDE)[0], whole)
 
 
-def test_the_last_cameras_are_remembered_and_no_more():
-    to_bev = head()
-    features, logits = random_images()
-    for yaw in np.linspace(0, 0.5, 7):
+def test_cameras_that_come_again_in_any_order_give_the_maps_of_a_fresh_layer():
+    """More cameras than are remembered, twice: a projection that is kept or thrown away changes nothing."""
+    to_bev, (features, logits) = head(), random_images()
+    yaws = [*np.linspace(0, 0.5, 7), 0.5, 0.0, 0.25]
+    for yaw in yaws:
+        fresh = head()
+        fresh.load_state_dict(to_bev.state_dict())
+        camera = image_from_agent(yaw=yaw)[None]
+        kept, seen = to_bev(features, logits, camera, BINS, SIZE, STRIDE)
+        expected, expected_seen = fresh(features, logits, camera, BINS, SIZE, STRIDE)
+        assert torch.equal(kept, expected)
+        assert torch.equal(seen, expected_seen)
+
+
+def test_a_camera_is_projected_once_while_it_is_in_use(monkeypatch):
+    """A mast's camera stands still for hours; many cameras in turn (training) must not fill the memory either."""
+    projected, alive = [], weakref.WeakSet()
+
+    def project(*words):
+        projection = project_voxels(*words)
+        alive.add(projection)
+        projected.append(1)
+        return projection
+
+    monkeypatch.setattr(frustum_to_bev, "project_voxels", project)
+    to_bev, (features, logits) = head(), random_images()
+    for _ in range(3):
+        to_bev(features, logits, image_from_agent(yaw=0.5)[None], BINS, SIZE, STRIDE)
+    assert len(projected) == 1
+    for yaw in np.linspace(0, 0.5, 20):
         to_bev(features, logits, image_from_agent(yaw=yaw)[None], BINS, SIZE, STRIDE)
-    assert len(to_bev._remembered) == 4
-    first = to_bev._projection(image_from_agent(yaw=0.5), BINS, SIZE, STRIDE)
-    assert to_bev._projection(image_from_agent(yaw=0.5), BINS, SIZE, STRIDE) is first
+    gc.collect()
+    assert len(alive) < 8
 
 
 def test_an_unknown_sampling_is_refused():

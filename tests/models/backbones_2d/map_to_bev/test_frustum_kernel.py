@@ -6,9 +6,9 @@ import pytest
 import torch
 from easydict import EasyDict
 
+from pcdet_avp.models.backbones_2d.map_to_bev import frustum_kernel as kernels
 from pcdet_avp.models.backbones_2d.map_to_bev.frustum_to_bev import FrustumToBev
 from pcdet_avp.models.backbones_image.depth_bins import DepthBins
-from pcdet_avp.models.cpu_kernels import frustum as kernels
 from pcdet_avp.models.cpu_kernels.dispatch import plain_operations
 from pcdet_avp.structures.bev_grid import BevGrid
 from pcdet_avp.structures.camera import PinholeCamera

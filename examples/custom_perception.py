@@ -1,6 +1,6 @@
-"""Your own perception in the closed loop: any class with ``begin`` and ``perceive``. Runs in seconds, needs no weights.
+"""A custom perception in the closed loop: any class with ``begin`` and ``perceive``. Runs in seconds, needs no weights.
 
-    python examples/own_perception.py --speed 8 --episodes 2
+    python examples/custom_perception.py --speed 8 --episodes 2
 
 The perception below is the oldest trick of roadside sensing. The roadside LiDAR knows the empty garage by heart;
 whatever stands before that background has moved in. Those points are clustered on a grid, and every cluster gets a
@@ -82,7 +82,7 @@ def boxes_around(points: np.ndarray) -> np.ndarray:
 
 
 def _box(points: np.ndarray) -> np.ndarray:
-    """From the floor to the highest point; at least as wide as a person."""
+    """Box from the floor to the highest point, at least as wide as a person."""
     low, high = points[:, :2].min(0), points[:, :2].max(0)
     middle, extent, top = (low + high) / 2, np.maximum(high - low, 0.4), max(points[:, 2].max(), 0.5)
     return np.array([*middle, top / 2, *extent, top, 0.0])

@@ -1,6 +1,6 @@
-"""Your own controller in the closed loop, against the paper's law. Needs gymnasium; runs in seconds.
+"""A custom controller in the closed loop, against the paper's law. Needs gymnasium; runs in seconds.
 
-    python examples/own_controller.py --speed 10 --episodes 5
+    python examples/custom_controller.py --speed 10 --episodes 5
 
 The controller below is the textbook's: never faster than a comfortable braking can undo before the nearest road user
 who is, or soon may be, in the way. The paper's law looks at the same boxes. Perception is the oracle, so that what
@@ -47,12 +47,12 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=5)
     args = parser.parse_args()
     env = gymnasium.make(ENVIRONMENT, cruising_mps=args.speed)
-    for name, own in (("the paper's law", False), ("own controller", True)):
+    for name, own in (("the paper's law", False), ("custom controller", True)):
         logs = [drive(env, trial, args.speed, own) for trial in range(args.episodes)]
         crashes = sum(log.figures.crashed for log in logs)
         pace = np.mean([log.figures.mean_speed_mps for log in logs])
         brake = max(log.figures.hardest_deceleration_mps2 for log in logs)
-        print(f"{name:16s} {crashes}/{len(logs)} crashes, mean {pace:.1f} m/s, hardest braking {brake:.1f} m/s2")
+        print(f"{name:17s} {crashes}/{len(logs)} crashes, mean {pace:.1f} m/s, hardest braking {brake:.1f} m/s2")
 
 
 if __name__ == "__main__":

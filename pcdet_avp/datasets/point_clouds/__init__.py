@@ -1,0 +1,1 @@
+"""Point clouds in the files of the field (README.md here): ``.bin``, ``.npy``, PCD and PLY."""
