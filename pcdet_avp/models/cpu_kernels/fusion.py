@@ -149,8 +149,8 @@ def _share(weight, total, present, original_form):
 
 @numba.njit(**OPTIONS)
 def _convolve_row(padded, i, kernel, bias, out):
-    """The 3 x 3 x 3 convolution of both pooled maps over one row of cells: out (W * (C + 2)), of each cell C numbers and
-    two more that mean nothing. The row is one long line in memory, on which a shift by a column is one by C + 2."""
+    """The 3 x 3 x 3 convolution of both pooled maps over one row of cells: out (W * (C + 2)), of each cell C numbers
+    and two that mean nothing. The row is one long line in memory, on which a shift by a column is one by C + 2."""
     step = padded.shape[3]
     out[:] = bias
     for place in range(9):
