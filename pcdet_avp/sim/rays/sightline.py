@@ -15,7 +15,7 @@ import numpy as np
 
 from pcdet_avp.sim.meshes.mesh import Mesh
 from pcdet_avp.sim.rays.raytracer import FAR_M, RayTracer
-from pcdet_avp.sim.rays.triangle_scene import TriangleScene, bounding_sphere, ray_arrays
+from pcdet_avp.sim.rays.triangle_scene import Sphere, TriangleScene, bounding_sphere, ray_arrays
 from pcdet_avp.structures.camera import PinholeCamera
 from pcdet_avp.structures.lidar_scan import MAX_RANGE_M, LidarModel
 from pcdet_avp.structures.pose import Pose
@@ -84,11 +84,17 @@ def hits_on(tracer: RayTracer, origin: np.ndarray, rays: np.ndarray, object_id: 
 
 
 class Sight:
-    """A world's rays: what stands, and what builds the tracer of everything, asked for only where it is needed."""
+    """An agent's rays through a world: what stands, and those who move, asked only where it is needed."""
 
-    def __init__(self, standing: TriangleScene, tracer: Callable[[], RayTracer]) -> None:
-        """``standing`` is the first of the tracer's scenes."""
-        self._standing, self._tracer = standing, tracer
+    def __init__(
+        self,
+        standing: TriangleScene,
+        moving: Callable[[], TriangleScene],
+        ego: tuple[Sphere, Callable[[], TriangleScene]] | None = None,
+    ) -> None:
+        """``moving`` and ``ego`` build scenes; the ego's is asked where a ray meets its bounding sphere. None: it is
+        in nobody's way."""
+        self._standing, self._moving, self._ego = standing, moving, ego
 
     def camera_sees(
         self, camera: PinholeCamera, world_from_agent: Pose, mesh: Mesh, object_id: int, pixels: int
@@ -113,16 +119,27 @@ class Sight:
             return None
         for part in (rays[::COARSE, ::COARSE], rays) if count > COARSE**2 * needed else (rays,):
             free = self._unhindered(origin, np.ascontiguousarray(part).reshape(-1, 3), mesh)
-            if len(free) >= needed and hits_on(self._tracer(), origin, free, object_id, limit) >= needed:
+            if len(free) >= needed and hits_on(self._tracer(origin, free), origin, free, object_id, limit) >= needed:
                 return True
         return False
 
+    def _tracer(self, origin: np.ndarray, rays: np.ndarray) -> RayTracer:
+        """Of all that may be met by the rays."""
+        scenes = [self._standing, self._moving()]
+        if self._ego is not None and len(_ways_to_sphere(rays, *_as_seen_from(origin, self._ego[0]))[0]):
+            scenes.append(self._ego[1]())
+        return RayTracer(scenes)
+
     def _unhindered(self, origin: np.ndarray, rays: np.ndarray, mesh: Mesh) -> np.ndarray:
         """The rays (n, 3) that come as far as the sphere around a mesh; all that may meet it first are among them."""
-        *centre, radius = bounding_sphere(mesh)
-        near, until = _ways_to_sphere(rays, np.array(centre) - origin, radius)
+        near, until = _ways_to_sphere(rays, *_as_seen_from(origin, bounding_sphere(mesh)))
         origins, directions, limits = ray_arrays(np.float32(origin), rays[near], until)
         return directions[~self._standing.blocks(origins, directions, limits)] if len(near) else directions
+
+
+def _as_seen_from(origin: np.ndarray, sphere: Sphere) -> tuple[np.ndarray, float]:
+    """Way from ``origin`` (3,) to a sphere's centre, and its radius."""
+    return np.array(sphere[:3]) - origin, float(sphere[3])
 
 
 @numba.njit(cache=True)

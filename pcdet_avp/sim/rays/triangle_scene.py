@@ -12,6 +12,7 @@ from embreex.rtcore_scene import EmbreeScene
 from pcdet_avp.sim.meshes.mesh import Mesh
 from pcdet_avp.sim.rays.ray_cache import StandingViews
 
+Sphere = tuple[float, float, float, float]  # centre and radius
 MOST_CONES = 48  # a scene of more instances is asked about every ray
 
 
@@ -62,7 +63,7 @@ class TriangleScene:
         return self._embree.run(origins, directions, dists=limits, query="OCCLUDED") == 0
 
 
-def bounding_sphere(mesh: Mesh) -> tuple[float, float, float, float]:
+def bounding_sphere(mesh: Mesh) -> Sphere:
     """Centre and radius about the middle of the mesh's box, a little too large."""
     low, high = mesh.vertices.min(0), mesh.vertices.max(0)
     centre = (low + high) / 2

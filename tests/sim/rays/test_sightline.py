@@ -7,7 +7,7 @@ import pytest
 
 from pcdet_avp.config import load_config
 from pcdet_avp.sim.rays.lidar import LidarNoise, sweep
-from pcdet_avp.sim.rays.sightline import Sight, camera_rays_at, hits_on, lidar_rays_at
+from pcdet_avp.sim.rays.sightline import camera_rays_at, hits_on, lidar_rays_at
 from pcdet_avp.sim.render.camera import camera_rays
 from pcdet_avp.sim.rig import Rig, count_instances
 from pcdet_avp.sim.scenarios.table import draw_scenario
@@ -18,7 +18,7 @@ PIXELS, RETURNS = 30, 5
 
 
 def moments():
-    """(agent's sensors, its pose, tracer, {object id: mesh}) when some threats are seen, some in part, some not."""
+    """(sensors, their pose, tracer, {object id: mesh}, sight) when some threats are seen, some in part, some not."""
     rig = Rig.from_config(CFG["SENSORS"])
     for name, trial, distances in (("pedestrian_late", 1, (10.0, 4.0)), ("t_junction", 4, (9.0, 3.0, -1.0))):
         scenario = draw_scenario(name, 0, trial, 6.0)
@@ -32,16 +32,16 @@ def moments():
             world.advance_to(time_s)
             world.set_ego(x, scenario.layout.lane_y, 0.0)
             meshes = {threat.object_id: world.mesh_of(threat.object_id) for threat in scenario.threats}
-            yield rig.ego, world.world_from_ego, world.ego_tracer(), meshes
-            yield rig.infra, world.world_from_infra, world.infra_tracer(), meshes
+            yield rig.ego, world.world_from_ego, world.ego_tracer(), meshes, world.sight_of("ego")
+            yield rig.infra, world.world_from_infra, world.infra_tracer(), meshes, world.sight_of("infra")
 
 
 @pytest.fixture(scope="module")
 def counted():
     """Rows of (by the rays at one, by the full lattice, verdict, hits needed) over all moments, threats and sensors."""
     rows = []
-    for rig, pose, tracer, meshes in moments():
-        ids, sight = np.array(list(meshes)), Sight(tracer.scenes[0], lambda tracer=tracer: tracer)
+    for rig, pose, tracer, meshes, sight in moments():
+        ids = np.array(list(meshes))
         world_from_camera, world_from_lidar = pose @ rig.camera.agent_from_camera, pose @ rig.lidar.agent_from_lidar
         hits = tracer.cast(world_from_camera.translation, camera_rays(rig.camera, world_from_camera))
         pixels = count_instances(np.where(hits.face >= 0, tracer.instance[hits.face], -1), ids)
@@ -78,8 +78,7 @@ def test_verdicts_follow_from_the_counts(counted):
 def test_nothing_that_moves_is_asked_about_the_hidden_and_nothing_is_lost_of_the_seen():
     """Without the rays that are cut short the counts stay the same, ray by ray."""
     asked = saved = 0
-    for rig, pose, tracer, meshes in moments():
-        sight = Sight(tracer.scenes[0], lambda tracer=tracer: tracer)
+    for rig, pose, tracer, meshes, sight in moments():
         for number, mesh in meshes.items():
             for origin, rays, limit in (
                 ((pose @ rig.camera.agent_from_camera).translation, camera_rays_at(rig.camera, pose, mesh), 1e6),
@@ -88,5 +87,7 @@ def test_nothing_that_moves_is_asked_about_the_hidden_and_nothing_is_lost_of_the
                 rays = rays.reshape(-1, 3)
                 free = sight._unhindered(origin, rays, mesh)
                 asked, saved = asked + len(rays), saved + len(rays) - len(free)
-                assert hits_on(tracer, origin, free, number, limit) == hits_on(tracer, origin, rays, number, limit)
+                every = hits_on(tracer, origin, rays, number, limit)
+                assert hits_on(tracer, origin, free, number, limit) == every
+                assert hits_on(sight._tracer(origin, free), origin, free, number, limit) == every
     assert 0 < saved < asked
