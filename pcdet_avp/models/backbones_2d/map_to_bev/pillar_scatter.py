@@ -33,5 +33,5 @@ class PillarScatter(nn.Module):
         """features (N, C), coords (N, 4) -> (B, C, H, W), channels last in memory."""
         cell = (coords[:, 0] * self.height + coords[:, 2]) * self.width + coords[:, 3]
         canvas = features.new_zeros(batch_size * self.height * self.width, features.shape[1])
-        canvas = canvas.index_copy(0, cell, features)
+        canvas.index_copy_(0, cell, features)
         return canvas.view(batch_size, self.height, self.width, canvas.shape[1]).permute(0, 3, 1, 2)
