@@ -7,6 +7,7 @@ import os
 import shutil
 import uuid
 import zlib
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from pcdet_avp.datasets.avp.checks import (
     check_upright,
 )
 from pcdet_avp.datasets.avp.fields import write_record_json
-from pcdet_avp.datasets.avp.image_files import encode_depth, encode_image
+from pcdet_avp.datasets.avp.image_files import encode_depth, encode_image, is_jpeg
 from pcdet_avp.datasets.avp.layout import FRAME_FILE, PARTIAL_SUFFIX, POINT_LIST, RANGE_IMAGE, SCHEMA_VERSION, frame_dir
 from pcdet_avp.datasets.avp.scan_codec import encode_scan
 from pcdet_avp.datasets.avp.units import EGO, Record, check_unit_name
@@ -37,20 +38,23 @@ def write_frame(root: str | Path, frame: Frame) -> int:
     return write_record(root, Record.of(frame))
 
 
-def write_record(root: str | Path, record: Record) -> int:
+def write_record(root: str | Path, record: Record, images: Mapping[str, bytes] | None = None) -> int:
     """Write one record below ``root``, replacing an older one of the same id. Returns the bytes it takes.
 
-    RecordError, and nothing is written, where ``read_record`` would refuse it.
+    ``images``: the PNG or JPEG files that images of the record were decoded from, by the agent's name (``ego`` or a
+    unit's); they are stored as they are, not encoded anew. RecordError, and nothing is written, where ``read_record``
+    would refuse it.
     """
     folder = frame_dir(root, record.frame_id)
     files: Files = {}
+    given = images or {}
     content = {
         "schema_version": SCHEMA_VERSION,
         "frame_id": record.frame_id,
         "time_s": _checked(record, "", check_time, record.time_s),
-        "ego": _agent(record, EGO, record.ego, files),
+        "ego": _agent(record, EGO, record.ego, files, given.get(EGO)),
         "roadside_units": [
-            {"name": _checked(record, "", check_unit_name, name), **_agent(record, name, view, files)}
+            {"name": _checked(record, "", check_unit_name, name), **_agent(record, name, view, files, given.get(name))}
             for name, view in record.units.items()
         ],
         "labels": _labels(_checked(record, "", check_labels, record.labels)),
@@ -103,16 +107,16 @@ def _checked(record: Record, what: str, check, *args):
         raise RecordError(f"frame {record.frame_id}: {what}{error}") from error
 
 
-def _agent(record: Record, agent: str, view: AgentView, files: Files) -> dict:
+def _agent(record: Record, agent: str, view: AgentView, files: Files, image: bytes | None) -> dict:
     pose = view.world_from_agent
     return {
         "world_from_agent": _matrix(_checked(record, f"{agent}.world_from_agent: ", check_upright, pose)),
-        "camera": _camera(record, agent, view, files),
+        "camera": _camera(record, agent, view, files, image),
         "lidar": _lidar(record, agent, view, files),
     }
 
 
-def _camera(record: Record, agent: str, view: AgentView, files: Files) -> dict | None:
+def _camera(record: Record, agent: str, view: AgentView, files: Files, image: bytes | None) -> dict | None:
     camera = view.camera
     if camera is None:
         if view.image is not None or view.depth is not None:
@@ -125,13 +129,14 @@ def _camera(record: Record, agent: str, view: AgentView, files: Files) -> dict |
         "image": None,
         "depth": None,
     }
-    for key, array, check, encode, name in (
-        ("image", view.image, check_image, encode_image, f"{agent}_camera.png"),
-        ("depth", view.depth, check_depth, encode_depth, f"{agent}_depth.png"),
+    picture = f"{agent}_camera.{'jpg' if image is not None and is_jpeg(image) else 'png'}"
+    for key, array, check, encode, name, given in (
+        ("image", view.image, check_image, encode_image, picture, image),
+        ("depth", view.depth, check_depth, encode_depth, f"{agent}_depth.png", None),
     ):
         if array is not None:
             checked = _checked(record, f"{agent}.{key}: ", check, array, camera.height, camera.width)
-            entry[key], files[name] = name, encode(checked)
+            entry[key], files[name] = name, encode(checked) if given is None else given
     return entry
 
 
