@@ -25,6 +25,8 @@ import numpy as np
 REPOSITORY = Path(__file__).parents[1]
 POLL_S = 0.002
 PR_SET_CHILD_SUBREAPER = 36  # of linux/prctl.h
+SHARE = 0.7  # of an uninterrupted run's time, in which the moment of a kill is drawn: a later start has less to do
+MOST_WRITES, JUST_AFTER_S = 4, 0.02  # a kill at a write comes so soon after the first to third one that is seen
 ORPHANS_S = 60.0  # within which every process of a killed run must be gone
 LIMIT_S = 3600.0  # of one start; nothing here takes so long on any machine
 AT_A_WRITE, AT_ANY_TIME = "when a file was being written", "at any time"
@@ -137,16 +139,18 @@ def _one_start(
 ) -> tuple[int | None, int]:
     """Run once; exit status, or None if it was killed, and the process group. ``whole_s`` None: nobody kills it."""
     moment = AT_A_WRITE if rng.random() < 0.5 else AT_ANY_TIME
-    wait_s, alone = float(rng.uniform(0, whole_s or 1)), bool(rng.random() < 0.5)
-    pid, began = start(work, folder), time.monotonic()
+    wait_s, writes, alone = rng.uniform(0, SHARE * (whole_s or 1)), rng.integers(1, MOST_WRITES), rng.random() < 0.5
+    pid, began, busy = start(work, folder), time.monotonic(), False
     due = None if moment == AT_A_WRITE else began + wait_s
     while True:
         ended, status = os.waitpid(pid, os.WNOHANG)
         if ended:
             return os.waitstatus_to_exitcode(status), pid
         now = time.monotonic()
-        if whole_s is not None and due is None and now - began > 0.5 * wait_s and work.writing(folder):
-            due = now + float(rng.uniform(0, 0.02))
+        if whole_s is not None and due is None:
+            before, busy = busy, work.writing(folder)
+            writes -= busy and not before
+            due = now + rng.uniform(0, JUST_AFTER_S) if writes == 0 else None
         if whole_s is not None and due is not None and now >= due:
             return _kill(pid, folder, alone, moment, outcome), pid
         if now - began > LIMIT_S:

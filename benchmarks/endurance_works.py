@@ -41,7 +41,7 @@ def _train(data: Path) -> list:
 def _sweep(folder: Path) -> list:
     tool = REPOSITORY / "tools" / "safety_eval.py"
     asked = ["--scenario", "pedestrian", "--perception", "oracle", "--speeds", 3, 8, "--trials", TRIALS, "--seed", 5]
-    return [tool, *asked, "--workers", 2, "--out", folder / "sweep"]
+    return [tool, *asked, "--workers", 1, "--out", folder / "sweep"]
 
 
 def _frames(folder: Path) -> dict[str, str]:
