@@ -23,6 +23,7 @@ from pcdet_avp.closed_loop.certify.certificate import CERTIFICATE, certificate, 
 from pcdet_avp.closed_loop.certify.climb import counted
 from pcdet_avp.closed_loop.certify.run import run_certification
 from pcdet_avp.closed_loop.perception.factory import PERCEPTIONS
+from pcdet_avp.closed_loop.perception.faults import FAULTS, MARK
 from pcdet_avp.closed_loop.perception.link_options import add_link_arguments
 from pcdet_avp.closed_loop.report.report import write_report
 from pcdet_avp.closed_loop.sweep.arguments import sweep_meta, sweep_of
@@ -38,6 +39,7 @@ def parse_arguments() -> argparse.Namespace:
     parser = config_parser("Closed-loop safety.", default="cfgs/avp/cp_full.yaml", weights=True)
     parser.add_argument("--scenario", required=True, metavar="S", help=f"{', '.join(SCENARIOS)}, or module:name")
     parser.add_argument("--perception", required=True, metavar="P", help=f"{', '.join(PERCEPTIONS)}, or module:name")
+    parser.add_argument("--fault", choices=FAULTS, metavar="F", help=f"a single fault: {', '.join(FAULTS)}")
     parser.add_argument("--ckpt", type=path_text, help=f"for --perception model: {CKPT_HELP}")
     parser.add_argument("--use_amp", action="store_true", help="compute in bf16; a tenth faster on CPUs that have it")
     parser.add_argument("--combos", default="all", help="all, or names between commas: C+none,C+CL")
@@ -55,6 +57,8 @@ def parse_arguments() -> argparse.Namespace:
     add_link_arguments(parser)
     args = parser.parse_args()
     check_certificate_arguments(args)
+    if args.fault:
+        args.perception += f"{MARK}{args.fault}"
     return args
 
 

@@ -29,6 +29,7 @@ from typing import Any
 
 from pcdet_avp.closed_loop.certify.climb import Certification, Row, SpeedTest, climb
 from pcdet_avp.closed_loop.certify.rate_tests import FixedNumber
+from pcdet_avp.closed_loop.perception.faults import MARK
 from pcdet_avp.closed_loop.sweep.journal import Finished
 from pcdet_avp.errors import RecordError
 from pcdet_avp.evaluation.benchmark_table import markdown_table
@@ -137,6 +138,7 @@ def page(entries: Sequence[Entry], meta: Mapping[str, Any]) -> list[str]:
             ["scenario", "perception", "sensors", "certified m/s", "ended"], [_summary(e) for e in entries]
         ),
         "",
+        *_single_faults(entries),
         "Crashes of runs, and the upper bound of the crash rate in percent:",
         "",
         *markdown_table(
@@ -144,6 +146,29 @@ def page(entries: Sequence[Entry], meta: Mapping[str, Any]) -> list[str]:
             [_line(entry, test) for entry in entries for test in entry["tested"]],
         ),
     ]
+
+
+def _single_faults(entries: Sequence[Entry]) -> list[str]:
+    """The lowest certified speed over the single faults that were certified (N-1), beside the healthy one."""
+    rows: dict[tuple[str, str, str], dict[str, float]] = {}
+    for entry in entries:
+        healthy, _, fault = entry["perception"].partition(MARK)
+        row = rows.setdefault((entry["scenario"], healthy, entry["combo"]), {})
+        row[fault] = entry["speed"] or 0.0
+    body = []
+    for name, speeds in rows.items():
+        faults = {fault: speed for fault, speed in speeds.items() if fault}
+        if faults:
+            worst = min(faults, key=faults.__getitem__)
+            body.append([*name, _speed(speeds.get("")), _speed(faults[worst]), worst, str(len(faults))])
+    header = ["scenario", "perception", "sensors", "healthy m/s", "N-1 m/s", "worst fault", "faults certified"]
+    return (
+        ["Single faults (N-1), the lowest of those certified:", "", *markdown_table(header, body), ""] if body else []
+    )
+
+
+def _speed(speed: float | None) -> str:
+    return "not run" if speed is None else (f"{speed:g}" if speed else "none")
 
 
 def _test_sentence(entry: Mapping[str, Any]) -> str:

@@ -80,6 +80,8 @@ class NetworkPerceiver:
             self._send(frame, sensor_set, tick)
         self._vehicle.hear(self._downlink.receive(frame.time_s))
         held = self._vehicle.held(frame.time_s)
+        if not (sensor_set.ego_camera or sensor_set.ego_lidar or held):
+            return Perceived.nothing()  # not one map is left to detect in
         believed = frame.ego.world_from_agent @ self._true_from_believed
         found = self._vehicle.detect(frame, sensor_set.ego_camera, sensor_set.ego_lidar, believed, held)
         return Perceived(found.boxes, found.names, found.scores, self._messages(held, frame.time_s))

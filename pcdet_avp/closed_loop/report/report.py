@@ -6,7 +6,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from pcdet_avp.closed_loop.perception.factory import BASELINE, PERCEPTIONS
+from pcdet_avp.closed_loop.perception.factory import BASELINE, known_perception
 from pcdet_avp.closed_loop.report.crash_tables import (
     NOT_RUN,
     TOO_FEW,
@@ -54,12 +54,14 @@ def title(results: Results, scenario: str, perception: str) -> str:
 
 def _who(results: Results, perception: str) -> str:
     """Which perception, and of a network which configuration."""
-    network = perception in PERCEPTIONS and PERCEPTIONS[perception].uses_network
+    kind = known_perception(perception)
+    network = kind is not None and kind.uses_network
     return f"{perception} ({results.meta.get('config', 'unknown network')})" if network else perception
 
 
 def _meaning(perception: str) -> str:
-    return PERCEPTIONS[perception].meaning if perception in PERCEPTIONS else OWN_PERCEPTION
+    kind = known_perception(perception)
+    return OWN_PERCEPTION if kind is None else kind.meaning
 
 
 def _perceptions(results: Results) -> str:

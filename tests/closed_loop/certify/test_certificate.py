@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pcdet_avp.closed_loop.certify import run as run_module
-from pcdet_avp.closed_loop.certify.certificate import CERTIFICATE, certificate, write_certificate
+from pcdet_avp.closed_loop.certify.certificate import CERTIFICATE, PAGE, certificate, write_certificate
 from pcdet_avp.closed_loop.certify.climb import Certification, climb, counted
 from pcdet_avp.closed_loop.certify.rate_tests import FixedNumber, Sequential
 from pcdet_avp.closed_loop.certify.run import run_certification
@@ -152,6 +152,16 @@ def test_rows_of_other_combinations_stay_in_the_file(drive, tmp_path):
     drive(lambda case: False, asked(combos=("C+none",)), tmp_path)
     drive(lambda case: False, asked(combos=("C+C",)), tmp_path)
     assert [entry["combo"] for entry in json.loads((tmp_path / CERTIFICATE).read_text())] == ["C+none", "C+C"]
+
+
+def test_single_faults_stand_beside_the_healthy_perception_and_the_lowest_is_named(drive, tmp_path):
+    limits = {"los": 99.0, "los@link_cut": 6.0, "los@dead_infra_lidar": 4.0}
+    for perception, limit in limits.items():
+        drive(fails_from({"C+C": limit}), asked(perception=perception, combos=("C+C",)), tmp_path)
+    page = (tmp_path / PAGE).read_text()
+    assert "| pedestrian | los        | C+C     | 6           | 3       | dead_infra_lidar | 2                |" in page
+    found = {entry["perception"]: entry["speed"] for entry in json.loads((tmp_path / CERTIFICATE).read_text())}
+    assert found == {"los": 6.0, "los@link_cut": 5.0, "los@dead_infra_lidar": 3.0}
 
 
 def test_of_sequences_with_a_speed_just_above_the_rate_at_most_alpha_pass_it(template):
