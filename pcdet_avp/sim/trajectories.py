@@ -162,6 +162,44 @@ class Waypoints:
 
 
 @dataclass(frozen=True)
+class RunUp:
+    """Walks once from one point to another, reaching its speed within ``run_up_m`` at constant acceleration, as the
+    targets of Euro NCAP do; waits at the first point before ``start_s`` and stands at the other."""
+
+    x0: float
+    y0: float
+    x1: float
+    y1: float
+    speed: float
+    run_up_m: float
+    start_s: float = 0.0
+
+    @property
+    def length(self) -> float:
+        return dist((self.x0, self.y0), (self.x1, self.y1))
+
+    def duration(self, distance: float) -> float:
+        """Seconds from setting off until a distance (m) is covered."""
+        if distance <= self.run_up_m:
+            return 2 * (distance * self.run_up_m) ** 0.5 / self.speed
+        return (distance + self.run_up_m) / self.speed
+
+    def at(self, time_s: float) -> Motion:
+        elapsed = max(time_s - self.start_s, 0.0)
+        ramp_s = 2 * self.run_up_m / self.speed
+        ramps = elapsed < ramp_s
+        wanted = self.speed * elapsed**2 / (2 * ramp_s) if ramps else self.speed * elapsed - self.run_up_m
+        distance = min(wanted, self.length)
+        share = distance / self.length
+        speed = (self.speed * elapsed / ramp_s if ramps else self.speed) if wanted < self.length else 0.0
+        x, y = self.x0 + share * (self.x1 - self.x0), self.y0 + share * (self.y1 - self.y0)
+        return Motion(x, y, atan2(self.y1 - self.y0, self.x1 - self.x0), speed, distance)
+
+    def released(self, time_s: float) -> RunUp:
+        return replace(self, start_s=time_s)
+
+
+@dataclass(frozen=True)
 class Pacing:
     """Walks back and forth between two points at constant speed, turning on the spot; waits at the first one."""
 

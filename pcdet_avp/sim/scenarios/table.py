@@ -14,6 +14,7 @@ from functools import partial
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.extensions import find_entry
 from pcdet_avp.sim.layouts import GarageConfig
+from pcdet_avp.sim.scenarios.cpnco import CpncoConfig, cpnco_episode
 from pcdet_avp.sim.scenarios.crossing import CrossingConfig, crossing_episode
 from pcdet_avp.sim.scenarios.junction import JunctionConfig, junction_episode
 from pcdet_avp.sim.scenarios.scenario import Scenario
@@ -77,6 +78,9 @@ _KINDS = (
         partial(junction_episode, JunctionConfig(spread_s=1.0)),
         title="T-junction, arrival +-1 s",
         paper_table="IV",
+    ),
+    ScenarioKind(
+        "cpnco", partial(cpnco_episode, CpncoConfig()), title="Euro NCAP CPNCO, child from behind parked cars"
     ),
 )
 SCENARIOS: dict[str, ScenarioKind] = {kind.name: kind for kind in _KINDS}
