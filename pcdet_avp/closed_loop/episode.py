@@ -67,7 +67,7 @@ class Episode:
 
     @property
     def front_x(self) -> float:
-        """The x of the front bumper, metres, world frame."""
+        """The x of the front bumper, metres, world frame; on a path, its way (see ``Scenario``)."""
         return self.state.position + BUMPER_X_M
 
     @property
@@ -128,7 +128,7 @@ class Episode:
         self.state = self._meet(ride) if self._near else ride.end
         if not self.crashed:
             self._world.advance_to((self._tick + 1) * self.settings.tick_s)
-            self._world.set_ego(self.state.position, self.scenario.layout.lane_y, 0.0)
+            self._world.set_ego(*self.scenario.ego_pose(self.state.position))
         self._tick += 1
 
     def _meet(self, ride: Drive) -> LongitudinalState:
@@ -159,7 +159,7 @@ class Episode:
         end_s = self._encounters.contact.time_s if self.crashed else self.time_s
         last = end_s, self.state.position, self.state.speed, self.state.acceleration
         times, driven, speeds, accelerations = np.vstack([rows, last]).T
-        poses = np.stack([driven, np.full_like(driven, self.scenario.layout.lane_y), np.zeros_like(driven)], axis=1)
+        poses = np.array([self.scenario.ego_pose(way) for way in driven])
         near = driven + BUMPER_X_M > self.scenario.first_x - self.settings.wake_m
         ego = EgoMotion(times, driven, speeds, accelerations, poses)
         threats = [self._world.actor(threat.object_id) for threat in self.scenario.threats]

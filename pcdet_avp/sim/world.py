@@ -55,9 +55,13 @@ class World:
 
     world_from_infra = Pose.from_xyz_yaw(0.0, 0.0, yaw=np.pi)
 
-    def __init__(self, layout: GarageLayout, actors: Sequence[Actor], lighting: Lighting) -> None:
-        """``lighting`` without head lamps: those of moving cars and of the ego are added."""
+    def __init__(
+        self, layout: GarageLayout, actors: Sequence[Actor], lighting: Lighting, reversing: bool = False
+    ) -> None:
+        """``lighting`` without head lamps: those of moving cars and of the ego are added. ``reversing``: the ego frame
+        faces where the ego drives to, and its body faces the other way."""
         self.layout, self.time_s = layout, 0.0
+        self._ego_from_body = Pose.from_xyz_yaw(0.0, 0.0, yaw=np.pi if reversing else 0.0)
         self._lighting = lighting
         self._actors = {actor.object_id: actor for actor in actors}
         if len(self._actors) != len(actors) or any(number < 0 for number in self._actors):
@@ -79,6 +83,10 @@ class World:
         """Put the ego's centre at x, y (m), heading yaw (rad)."""
         self.world_from_ego = Pose.from_xyz_yaw(x, y, yaw=yaw)
         self._forget("infra_tracer")
+
+    @property
+    def _world_from_body(self) -> Pose:
+        return self.world_from_ego @ self._ego_from_body
 
     def advance_to(self, time_s: float) -> None:
         """Every scripted road user goes to where it is at a time (s)."""
@@ -116,7 +124,7 @@ class World:
         """Ceiling lamps, exposure, and the head lamps of every car that drives, where they are now."""
         lit = [actor for actor in self.actors if isinstance(actor, Car) and actor.lamps_on]
         lamps = [headlamps_of(pose_at(car, self.time_s), car.spec.length) for car in lit]
-        return replace(self._lighting, headlamps=(headlamps_of(self.world_from_ego, EGO_SPEC.length), *lamps))
+        return replace(self._lighting, headlamps=(headlamps_of(self._world_from_body, EGO_SPEC.length), *lamps))
 
     @cached_property
     def static_scene(self) -> TriangleScene:
@@ -137,7 +145,7 @@ class World:
 
     def _build_infra_tracer(self) -> RayTracer:
         """The ego is among those that move: one small scene more would cost every ray a query more."""
-        ego = car_mesh(EGO_SPEC).transformed(self.world_from_ego), EGO_INSTANCE
+        ego = car_mesh(EGO_SPEC).transformed(self._world_from_body), EGO_INSTANCE
         return RayTracer([self.static_scene, TriangleScene([*self._movers(), ego])], self._infra_room)
 
     def _movers(self) -> list[tuple[Mesh, int]]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from pcdet_avp.closed_loop.contact import TOUCH_M
 from pcdet_avp.closed_loop.measures.motions import EgoMotion, in_ego_frame, other_motion
 from pcdet_avp.sim.actors import Actor
 from pcdet_avp.sim.scenarios.junction_map import conflict_zone
@@ -52,7 +53,7 @@ def _when(ego: EgoMotion, distance: float) -> float:
     driven = ego.driven - ego.driven[0]
     if distance < 0:
         return -np.inf
-    if distance > driven[-1]:
+    if distance > driven[-1] + TOUCH_M:
         return np.inf
     row = min(int(np.searchsorted(driven, distance)), len(driven) - 1)
     if row == 0 or driven[row] == driven[row - 1]:

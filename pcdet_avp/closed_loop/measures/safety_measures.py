@@ -36,12 +36,14 @@ class SafetyMeasures:
 def safety_measures(
     ego: EgoMotion, threats: Sequence[Actor], cruising_mps: float, near: np.ndarray, dynamics: LongitudinalModel
 ) -> SafetyMeasures:
-    """``near`` (T,): the ticks in which a threat can be met; only they count for what is measured of threats."""
+    """``near`` (T,): the moments in which a threat can be met; only they count for what is measured of threats, and for
+    what is measured of one ahead not the last one: it may be that of the contact, where the gap is 0."""
     felt = comfort(ego, cruising_mps)
     if not near.any():
         return SafetyMeasures(np.inf, **_worst([]), **vars(felt))
     close = ego.at(near)
-    held = [following(close, other_motion(actor, close.times), dynamics) for actor in threats]
+    ticks = close.at(np.arange(len(close.times) - 1))
+    held = [following(ticks, other_motion(actor, ticks.times), dynamics) for actor in threats]
     pet = min((post_encroachment_time(close, actor) for actor in threats), default=np.inf)
     return SafetyMeasures(pet, **_worst(held), **vars(felt))
 

@@ -18,10 +18,11 @@ from functools import lru_cache
 import numpy as np
 
 from pcdet_avp.sim.actors import Car, Pedestrian
-from pcdet_avp.sim.garage import SLOT_WIDTH_M, GarageLayout, Slot
+from pcdet_avp.sim.garage import SLOT_WIDTH_M, GarageLayout
 from pcdet_avp.sim.layouts import GarageConfig, draw_layout
 from pcdet_avp.sim.meshes.car_spec import draw_car
 from pcdet_avp.sim.render.lights import Lighting, draw_lighting
+from pcdet_avp.sim.scenarios.bays import bays_on_the_right
 from pcdet_avp.sim.scenarios.crossing import STEP_ASIDE_M
 from pcdet_avp.sim.scenarios.protocol_pedestrian import WALKING_MPS, draw_target
 from pcdet_avp.sim.scenarios.scenario import SETTLE_S, Scenario, Threat, start_before
@@ -98,18 +99,6 @@ def draw_plan(cfg: CpncoConfig, seed: int, trial: int) -> CpncoPlan:
     numbered = tuple(replace(car, object_id=number) for number, car in enumerate(cars))
     meet_m = STARTS_ASIDE_M + (share - 0.5) * EGO_WIDTH_M
     return CpncoPlan(layout, draw_lighting(layout.lamps, rng), numbered, child, meet_m)
-
-
-def bays_on_the_right(layout: GarageLayout) -> list[list[Slot]]:
-    """The ego's right row, cut at its pillars: slots by x in each bay, the bay nearest to the junction first."""
-    followed_by = dict(layout.neighbours())
-    right = sorted((slot for slot in layout.slots if slot.y < 0), key=lambda slot: slot.x)
-    bays: list[list[Slot]] = []
-    for slot in right:
-        if not (bays and followed_by.get(bays[-1][-1]) == slot):
-            bays.append([])
-        bays[-1].append(slot)
-    return bays[::-1]
 
 
 def _hiding_cars(rng: np.random.Generator, layout: GarageLayout, path_x: float) -> list[Car]:
