@@ -161,9 +161,10 @@ class Episode:
         times, driven, speeds, accelerations = np.vstack([rows, last]).T
         poses = np.array([self.scenario.ego_pose(way) for way in driven])
         near = driven + BUMPER_X_M > self.scenario.first_x - self.settings.wake_m
-        ego = EgoMotion(times, driven, speeds, accelerations, poses)
+        ego = EgoMotion(times, driven, speeds, accelerations, poses, self.scenario.ego_path)
         threats = [self._world.actor(threat.object_id) for threat in self.scenario.threats]
-        return safety_measures(ego, threats, self.scenario.cruising_mps, near, self.settings.dynamics)
+        touched = self._encounters.contact is not None
+        return safety_measures(ego, threats, self.scenario.cruising_mps, near, self.settings.dynamics, touched)
 
     def _figures(self) -> EpisodeFigures:
         contact = self._encounters.contact

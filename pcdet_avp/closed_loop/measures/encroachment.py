@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from pcdet_avp.closed_loop.contact import TOUCH_M
-from pcdet_avp.closed_loop.measures.motions import EgoMotion, in_ego_frame, other_motion
+from pcdet_avp.closed_loop.measures.motions import EgoMotion, other_motion
 from pcdet_avp.sim.actors import Actor
 from pcdet_avp.sim.scenarios.junction_map import conflict_zone
 from pcdet_avp.structures.ego import EGO_LENGTH_M, EGO_WIDTH_M
@@ -21,10 +21,9 @@ AFTER_S = 10.0  # how long after the log the other is followed: it may come thro
 
 
 def post_encroachment_time(ego: EgoMotion, other: Actor) -> float:
-    """PET (s) of the ego on a straight way and another road user, whose script is known beyond the log's end."""
+    """PET (s) of the ego and another road user, whose script is known beyond the log's end."""
     times = np.arange(ego.times[0], ego.times[-1] + AFTER_S, STEP_S)
-    start = np.broadcast_to(ego.poses[0], (len(times), 3))
-    corners = in_ego_frame(start, other_motion(other, times).boxes)  # along and across the ego's way
+    corners = ego.along_from_start(other_motion(other, times).boxes)
     aside = np.maximum(corners[..., 1].min(1), -corners[..., 1].max(1)) - EGO_WIDTH_M / 2
     inside = np.flatnonzero(aside <= 0)
     if not len(inside):

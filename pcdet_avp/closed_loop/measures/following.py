@@ -1,9 +1,9 @@
 """Measures of a road user ahead: DRAC, brake threat, headway, RSS margin.
 
-All of them use the gap from the front bumper to the nearest point of the other's box, along the ego's heading, and the
+All of them use the gap from the front bumper to the nearest point of the other's box, along the ego's way, and the
 speed at which it closes. A road user counts
 
-- for DRAC, headway and RSS while its box reaches into the straight band ahead that the ego's width sweeps;
+- for DRAC, headway and RSS while its box reaches into the band ahead that the ego's width sweeps;
 - for the brake threat while both would touch if they kept their velocities (TTC is finite), with the ego's front.
 
 They are taken at the ticks of the loop (20 Hz), before a contact; beside or behind the bumper nothing is measured.
@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcdet_avp.closed_loop.contact import time_to_collision
-from pcdet_avp.closed_loop.measures.motions import EgoMotion, OtherMotion, in_ego_frame, rotated
+from pcdet_avp.closed_loop.measures.motions import EgoMotion, OtherMotion, rotated
 from pcdet_avp.sim.dynamics import LongitudinalModel
 from pcdet_avp.structures.ego import BUMPER_X_M, EGO_WIDTH_M
 
@@ -37,7 +37,7 @@ class Following:
 
 def following(ego: EgoMotion, other: OtherMotion, dynamics: LongitudinalModel) -> Following:
     """DRAC, brake threat, headway and RSS margin of one road user, at the moments of ``ego``."""
-    corners = in_ego_frame(ego.poses, other.boxes)
+    corners = ego.along(other.boxes)
     gap = corners[..., 0].min(1) - BUMPER_X_M
     relative = rotated(other.velocities, -ego.poses[:, 2])[:, 0]
     closing = ego.speeds - relative

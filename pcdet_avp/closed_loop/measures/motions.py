@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcdet_avp.sim.actors import Actor, floor_box
+from pcdet_avp.sim.trajectories import Path
+from pcdet_avp.structures.boxes import bev_corners
 from pcdet_avp.structures.ego import EGO_LENGTH_M, EGO_WIDTH_M
 
 
@@ -19,12 +21,25 @@ class EgoMotion:
     speeds: np.ndarray
     accelerations: np.ndarray
     poses: np.ndarray
+    path: Path | None = None  # that it follows; None: straight on
 
     def at(self, rows: np.ndarray) -> EgoMotion:
         """Some of the moments, by mask or index."""
-        return EgoMotion(
-            self.times[rows], self.driven[rows], self.speeds[rows], self.accelerations[rows], self.poses[rows]
-        )
+        rest = self.speeds[rows], self.accelerations[rows], self.poses[rows]
+        return EgoMotion(self.times[rows], self.driven[rows], *rest, self.path)
+
+    def along(self, boxes: np.ndarray) -> np.ndarray:
+        """(T, 4, 2) corners of boxes (T, 7), along its way from its centre at each moment, and to the left of it."""
+        if self.path is None:
+            return in_ego_frame(self.poses, boxes)
+        ahead = self.path.project(bev_corners(boxes))
+        return ahead - np.stack([self.driven, np.zeros_like(self.driven)], axis=1)[:, None]
+
+    def along_from_start(self, boxes: np.ndarray) -> np.ndarray:
+        """(M, 4, 2) the same for boxes (M, 7) of any moments, from where its centre was at the first one."""
+        if self.path is None:
+            return in_ego_frame(np.broadcast_to(self.poses[0], (len(boxes), 3)), boxes)
+        return self.path.project(bev_corners(boxes)) - np.array([self.driven[0], 0.0])
 
     @property
     def boxes(self) -> np.ndarray:

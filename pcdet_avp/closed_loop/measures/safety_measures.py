@@ -34,17 +34,23 @@ class SafetyMeasures:
 
 
 def safety_measures(
-    ego: EgoMotion, threats: Sequence[Actor], cruising_mps: float, near: np.ndarray, dynamics: LongitudinalModel
+    ego: EgoMotion,
+    threats: Sequence[Actor],
+    cruising_mps: float,
+    near: np.ndarray,
+    dynamics: LongitudinalModel,
+    touched: bool,
 ) -> SafetyMeasures:
     """``near`` (T,): the moments in which a threat can be met; only they count for what is measured of threats, and for
-    what is measured of one ahead not the last one: it may be that of the contact, where the gap is 0."""
+    what is measured of one ahead not the last one: it may be that of the contact, where the gap is 0.
+    ``touched``: the ego met somebody, which is a PET of 0."""
     felt = comfort(ego, cruising_mps)
     if not near.any():
         return SafetyMeasures(np.inf, **_worst([]), **vars(felt))
     close = ego.at(near)
     ticks = close.at(np.arange(len(close.times) - 1))
     held = [following(ticks, other_motion(actor, ticks.times), dynamics) for actor in threats]
-    pet = min((post_encroachment_time(close, actor) for actor in threats), default=np.inf)
+    pet = 0.0 if touched else min((post_encroachment_time(close, actor) for actor in threats), default=np.inf)
     return SafetyMeasures(pet, **_worst(held), **vars(felt))
 
 

@@ -16,6 +16,7 @@ from pcdet_avp.extensions import find_entry
 from pcdet_avp.sim.layouts import GarageConfig
 from pcdet_avp.sim.scenarios.cpnco import CpncoConfig, cpnco_episode
 from pcdet_avp.sim.scenarios.cpra import CpraConfig, cpra_episode
+from pcdet_avp.sim.scenarios.cpta import CptaConfig, cpta_episode
 from pcdet_avp.sim.scenarios.crossing import CrossingConfig, crossing_episode
 from pcdet_avp.sim.scenarios.junction import JunctionConfig, junction_episode
 from pcdet_avp.sim.scenarios.scenario import Scenario
@@ -84,6 +85,7 @@ _KINDS = (
         "cpnco", partial(cpnco_episode, CpncoConfig()), title="Euro NCAP CPNCO, child from behind parked cars"
     ),
     ScenarioKind("cpra", partial(cpra_episode, CpraConfig()), title="Euro NCAP CPRA, reversing out of a slot"),
+    ScenarioKind("cpta", partial(cpta_episode, CptaConfig()), title="Euro NCAP CPTA, pedestrian at the exit of a turn"),
 )
 SCENARIOS: dict[str, ScenarioKind] = {kind.name: kind for kind in _KINDS}
 

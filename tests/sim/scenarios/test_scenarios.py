@@ -11,7 +11,7 @@ from pcdet_avp.structures.boxes import bev_corners
 from pcdet_avp.structures.rotated_iou import bev_intersection
 
 WALKING = ("pedestrian", "pedestrian_late")
-FORWARD = [name for name in SCENARIOS if name != "cpra"]  # at any speed, along the lane
+FORWARD = [name for name in SCENARIOS if name not in ("cpra", "cpta")]  # at any speed, along the lane
 TRIALS = range(6)
 
 
@@ -143,6 +143,7 @@ def test_the_row_at_the_junction_has_no_gap_and_ends_with_a_van():
         ("pedestrian", 40.0, "do not fit"),
         ("t_junction", 40.0, "do not fit"),
         ("cpnco", 40.0, "do not fit"),
+        ("cpta", 9.0, "too short for 9 m/s"),
         ("cpra", 2.5, "at most 2 m/s in reverse"),
     ],
 )
