@@ -71,11 +71,12 @@ class OpenVino:
         used = compiled.get_property(PRECISION_HINT).to_string()
         if used != "f32":
             raise ExportError(f"{what}: OpenVINO: {PRECISION_HINT}: expected f32, found {used}")
-        names, request = [output.get_any_name() for output in compiled.outputs], compiled.create_infer_request()
+        names = {name: i for i, output in enumerate(compiled.outputs) for name in output.get_names()}
+        request = compiled.create_infer_request()
 
         def run(inputs: Arrays) -> Arrays:
             found = request.infer(inputs, share_inputs=True)
-            return {name: found[name].copy() for name in names}  # the request writes over its own next time
+            return {name: found[i].copy() for name, i in names.items()}  # the request writes over its own next time
 
         return run
 

@@ -6,6 +6,8 @@ depends on poses and calibrations comes in as tables (``pcdet_avp.deploy`` makes
 
 from __future__ import annotations
 
+import copy
+
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
@@ -94,11 +96,17 @@ class LidarForm(nn.Module):
 
 
 class CompressForm(nn.Module):
-    """A map (1, C, H, W) -> latent (1, c, h, w) as transmitted."""
+    """A map (1, C, H, W) -> latent (1, c, h, w) as transmitted, bit by bit.
+
+    The learned length is a constant here: the exporter would compute ``exp`` with numpy, whose last bit is another.
+    """
 
     def __init__(self, codec: MapCodec) -> None:
         super().__init__()
-        self.codec = codec
+        self.codec = copy.deepcopy(codec)
+        if codec.sparsify.kind == "learned":
+            self.register_buffer("length", codec.sparsify.length().detach().clone())
+            self.codec.sparsify.length = lambda: self.length
 
     def forward(self, bev_map: Tensor) -> Tensor:
         return self.codec.compress(bev_map)[0]
