@@ -6,6 +6,7 @@ moves the LiDAR map by more than its own size in places; so it is told float32, 
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from typing import Any, Protocol
 
@@ -15,6 +16,7 @@ from pcdet_avp.errors import ExportError
 
 Arrays = dict[str, np.ndarray]
 Graph = Callable[[Arrays], Arrays]  # inputs by name -> outputs by name
+TORCH = "torch"  # by name the runtime that is none of these
 PRECISION_HINT = "INFERENCE_PRECISION_HINT"
 
 
@@ -22,6 +24,7 @@ class Runtime(Protocol):
     """Makes graphs of ONNX files' contents."""
 
     name: str
+    version: str
 
     def load(self, content: bytes, what: str) -> Graph:
         """The graph of an ONNX file; ``what`` names it in an ExportError where it cannot be loaded."""
@@ -35,6 +38,7 @@ class OnnxRuntime:
 
     def __init__(self, threads: int) -> None:
         self._library, self._threads = _library("onnxruntime"), threads
+        self.version = self._library.__version__
 
     def load(self, content: bytes, what: str) -> Graph:
         options = self._library.SessionOptions()
@@ -55,7 +59,7 @@ class OpenVino:
 
     def __init__(self, threads: int) -> None:
         library = _library("openvino")
-        self._core = library.Core()
+        self._core, self.version = library.Core(), library.__version__
         self._options = {
             PRECISION_HINT: "f32",
             "INFERENCE_NUM_THREADS": threads,
@@ -84,11 +88,20 @@ class OpenVino:
 RUNTIMES: dict[str, Callable[[int], Runtime]] = {"onnxruntime": OnnxRuntime, "openvino": OpenVino}
 
 
-def open_runtime(name: str, threads: int = 1) -> Runtime:
-    """The runtime of a name; ExportError where it is unknown or not installed."""
+def open_runtime(name: str, threads: int | None = None) -> Runtime:
+    """The runtime of a name, by default with as many threads as OMP_NUM_THREADS or the machine allows.
+
+    ExportError where it is unknown or not installed.
+    """
     if name not in RUNTIMES:
         raise ExportError(f"runtime {name!r}: expected one of {', '.join(RUNTIMES)}")
-    return RUNTIMES[name](threads)
+    return RUNTIMES[name](threads or allowed_threads())
+
+
+def allowed_threads() -> int:
+    """What torch takes, too: OMP_NUM_THREADS, else one for each core that this process may use."""
+    asked = os.environ.get("OMP_NUM_THREADS", "")
+    return int(asked) if asked.isdecimal() and int(asked) else len(os.sched_getaffinity(0))
 
 
 def _library(name: str) -> Any:
