@@ -21,7 +21,7 @@ def modules_of(floor):
         return ["pcdet_avp"]
     root = PACKAGE / floor
     if root.with_suffix(".py").exists():
-        return [f"pcdet_avp.{floor}"]
+        return [f"pcdet_avp.{floor.replace('/', '.')}"]
     found = pkgutil.walk_packages([str(root)], prefix=f"pcdet_avp.{floor}.")
     return [f"pcdet_avp.{floor}", *(module.name for module in found)]
 
@@ -43,10 +43,25 @@ def test_importing_the_package_costs_nothing():
         assert heavy not in loaded, f"import pcdet_avp pulls in {heavy}"
 
 
-@pytest.mark.parametrize("floor", ["structures", "sim", "link", "evaluation", "visualization"])
+@pytest.mark.parametrize("floor", ["structures", "sim", "link", "evaluation", "visualization", "deploy"])
 def test_numpy_floors_never_import_torch(floor):
     loaded = loaded_after(floor)
     assert "torch" not in loaded, f"pcdet_avp.{floor} must do without torch"
+
+
+@pytest.mark.parametrize(
+    "module",
+    ["models.export.opened", "datasets.avp.frames", "datasets.avp.prepare", "engine.halves", "runtime_arguments"],
+)
+def test_a_computer_without_torch_can_open_an_exported_network(module):
+    assert "torch" not in loaded_after(module.replace(".", "/"))
+
+
+def test_an_exported_network_needs_the_floors_below_alone():
+    ours = {name for name in loaded_after("deploy") if name.startswith("pcdet_avp.")}
+    allowed = ("pcdet_avp.deploy", "pcdet_avp.link", "pcdet_avp.structures", "pcdet_avp.errors")
+    assert not [name for name in ours if not name.startswith(allowed)]
+    assert not {"onnxruntime", "openvino", "onnx"} & loaded_after("deploy")  # until one of them is asked for
 
 
 @pytest.mark.parametrize("floor", ["models", "datasets", "engine", "openpcdet", "bandwidth", "plugin"])
@@ -71,6 +86,7 @@ def test_lower_floors_do_not_look_up(floor):
             "openpcdet",
             "bandwidth",
             "commands",
+            "deploy",
         )
     )
     reached = sorted(name for name in loaded if name.startswith(above))

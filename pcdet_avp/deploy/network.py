@@ -96,7 +96,7 @@ class Network:
 
     @property
     def grid(self) -> BevGrid:
-        return BevGrid(*self.point_cloud_range, cell_m=self.cell_m)
+        return BevGrid(*self.point_cloud_range, self.cell_m)
 
     def as_json(self) -> dict[str, Any]:
         """Plain values by name."""
