@@ -15,7 +15,6 @@ from pcdet_avp.closed_loop.perception.perceiver import Missed, Perceived
 from pcdet_avp.closed_loop.policy import pedestrian_distances, target_speed_law
 from pcdet_avp.placement.sensors import SensorModels
 from pcdet_avp.sim.plans.floor import Unit
-from pcdet_avp.sim.rays.sightline import camera_sees, lidar_sees
 from pcdet_avp.sim.rig import AgentRig
 from pcdet_avp.sim.scenarios.scenario import Scenario
 from pcdet_avp.sim.world import World
@@ -64,14 +63,14 @@ class PlacedLineOfSight:
     def _by_sensor(self, world: World, object_id: int) -> Iterator[bool]:
         """One sensor's verdict after the other, the vehicle's first."""
         mesh, models = world.mesh_of(object_id), self._models
-        tracer, pose = world.ego_tracer(), world.world_from_ego
+        sight, pose = world.sight_of("ego"), world.world_from_ego
         if "L" in self._sensors:
-            yield bool(lidar_sees(tracer, self._vehicle.lidar, pose, mesh, object_id, models.returns))
-        yield bool(camera_sees(tracer, self._vehicle.camera, pose, mesh, object_id, models.pixels))
-        tracer = world.infra_tracer()
+            yield bool(sight.lidar_sees(self._vehicle.lidar, pose, mesh, object_id, models.returns))
+        yield bool(sight.camera_sees(self._vehicle.camera, pose, mesh, object_id, models.pixels))
+        sight = world.sight_of("infra")
         for unit in self._units:
             pose = self._world_from_plan @ unit.plan_from_unit
             if unit.lidar:
-                yield bool(lidar_sees(tracer, models.lidar_of(unit), pose, mesh, object_id, models.returns))
+                yield bool(sight.lidar_sees(models.lidar_of(unit), pose, mesh, object_id, models.returns))
             if unit.camera:
-                yield bool(camera_sees(tracer, models.camera_of(unit), pose, mesh, object_id, models.pixels))
+                yield bool(sight.camera_sees(models.camera_of(unit), pose, mesh, object_id, models.pixels))

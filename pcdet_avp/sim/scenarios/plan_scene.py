@@ -44,7 +44,7 @@ def draw_on_plan(rng: np.random.Generator, cfg: SceneConfig, plan: Plan) -> tupl
     ego = _draw_ego(rng, cfg, floor, unit, zone, times[-1])
     layout = FloorLayout(floor, 0.0, 0.0)
     actors = _Cast(rng, cfg, layout, ego, times).draw(zone)
-    world = World(layout, actors, draw_lighting(layout.lamps, rng), unit)
+    world = World(layout, actors, draw_lighting(layout.lamps, rng), unit=unit)
     return world, ego, times
 
 

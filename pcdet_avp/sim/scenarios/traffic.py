@@ -24,8 +24,7 @@ def draw_parked(rng: np.random.Generator, layout: GarageLayout | FloorLayout, oc
     slots = [slot for slot in layout.slots if rng.random() < occupancy]
     specs = [_draw_fitting(rng, slot) for slot in slots]
     return {
-        slot: Car(number, spec, _parked_pose(rng, slot, spec))
-        for number, (slot, spec) in enumerate(zip(slots, specs, strict=True))
+        slot: parked_in(rng, slot, spec, number) for number, (slot, spec) in enumerate(zip(slots, specs, strict=True))
     }
 
 
@@ -38,6 +37,11 @@ def _draw_fitting(rng: np.random.Generator, slot: Slot) -> CarSpec:
         if (slot.width, slot.depth) == (SLOT_WIDTH_M, SLOT_DEPTH_M):
             return spec
     return draw_car(rng, "hatchback")
+
+
+def parked_in(rng: np.random.Generator, slot: Slot, spec: CarSpec, object_id: int) -> Car:
+    """A car that stands in a slot."""
+    return Car(object_id, spec, _parked_pose(rng, slot, spec))
 
 
 def _parked_pose(rng: np.random.Generator, slot: Slot, spec: CarSpec) -> Standing:
