@@ -45,7 +45,7 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--occupancies", type=positive_int, default=100, metavar="M", help="drawings of parked cars")
     parser.add_argument("--units", type=positive_int, default=4, metavar="K", help="roadside units at most")
     parser.add_argument("--members", type=non_negative_int, default=4, help="placements of the front that are driven")
-    parser.add_argument("--trials", type=positive_int, default=10, help="drives of each scenario for each of them")
+    parser.add_argument("--trials", type=positive_int, default=5, help="drives of each scenario for each of them")
     parser.add_argument("--speeds", nargs="+", type=positive_float, default=SPEEDS_MPS, help="driven (m/s), rising")
     parser.add_argument("--milp_seconds", type=non_negative_float, default=45.0, help="for each exact programme")
     parser.add_argument("--seed", type=non_negative_int, default=0)

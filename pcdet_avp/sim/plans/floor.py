@@ -151,14 +151,14 @@ class Floor:
 
     def neighbours(self) -> list[tuple[Slot, Slot]]:
         """Pairs of slots that share a long side (parallel, side by side, nothing between)."""
-        pairs = []
-        for a in self.slots:
-            for b in self.slots:
-                along, aside = in_axes(a, b.x, b.y)
-                beside = abs(aside - (a.width + b.width) / 2) < 0.1 and abs(along) < 0.5 * a.depth
-                if beside and abs(np.sin((a.heading - b.heading) / 2)) < 1e-3:
-                    pairs.append((a, b))
-        return pairs
+        x, y, yaw, width, depth = np.array(
+            [(s.x, s.y, s.heading, s.width, s.depth) for s in self.slots] or np.zeros((0, 5))
+        ).T
+        dx, dy = x - x[:, None], y - y[:, None]
+        along, aside = (np.cos(yaw) * dx.T + np.sin(yaw) * dy.T).T, (np.cos(yaw) * dy.T - np.sin(yaw) * dx.T).T
+        beside = (np.abs(aside - (width + width[:, None]) / 2) < 0.1) & (np.abs(along) < 0.5 * depth[:, None])
+        parallel = np.abs(np.sin((yaw - yaw[:, None]) / 2)) < 1e-3
+        return [(self.slots[a], self.slots[b]) for a, b in np.argwhere(beside & parallel)]
 
     def moved(self, dst_from_src: Pose) -> Floor:
         """The same floor in another frame (a turn about z and a shift)."""
@@ -274,7 +274,15 @@ def nearest(path: Path, x: float, y: float, step_m: float = 0.1) -> tuple[float,
 def _lattice(path: Path, step_m: float) -> tuple[np.ndarray, np.ndarray]:
     """Places (L,) along a path and their points (L, 2)."""
     along = np.linspace(0, path.length, max(int(path.length / step_m), 1) + 1)
-    return along, np.array([path.at(s)[:2] for s in along])
+    xy, begin = np.zeros((len(along), 2)), 0.0
+    for piece in path.segments:
+        here = along >= begin - 1e-9  # pieces behind overwrite their own part
+        half_turn = piece.curvature * (along[here] - begin) / 2
+        chord = (along[here] - begin) * np.sinc(half_turn / np.pi)
+        xy[here, 0] = piece.x + chord * np.cos(piece.yaw + half_turn)
+        xy[here, 1] = piece.y + chord * np.sin(piece.yaw + half_turn)
+        begin += piece.length
+    return along, xy
 
 
 def heading_near(path: Path, x: float, y: float) -> float:
