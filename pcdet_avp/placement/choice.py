@@ -17,8 +17,8 @@ import numpy as np
 from scipy.optimize import Bounds, LinearConstraint, milp
 from scipy.sparse import csr_array, eye_array, hstack, vstack
 
-LAGRANGE_STEPS = 300
-MOST_NONZEROS = 150_000  # of the MILP; a larger one is relaxed by joining elements
+LAGRANGE_STEPS = 800
+MOST_NONZEROS = 400_000  # of the MILP; a larger one is relaxed by joining elements
 EPS = 1e-12
 
 
@@ -113,8 +113,8 @@ def lagrange_bound(coverage: Coverage, units: int, target: float, steps: int = L
         bound = float((weights - pay).sum() + np.float64(income[top]).sum() * (1 + 1e-6))
         best = min(best, bound)
         slope = coverage.covers[top].sum(0) - 1.0
-        if step % 20 == 19:
-            scale *= 0.8
+        if step % 40 == 39:
+            scale *= 0.85
         length = scale * max(bound - target, 1e-9) / max(float((slope**2).sum()), 1e-9)
         pay = np.clip(pay - length * slope, 0.0, weights)
     return best
