@@ -58,10 +58,9 @@ def known_name(key: str, above: Sequence[str]) -> str:
 
 
 def completed(generate: Mapping[str, Any]) -> dict[str, Any]:
-    """GENERATE with every key of GARAGE and SCENE, those that it lacks at their defaults: for comparisons."""
+    """GENERATE with PLAN and every key of GARAGE and SCENE, what it lacks at its default: for comparisons."""
     given = {name: _renamed(generate.get(name) or {}, name) for name in DEFAULTS}
-    generate = _without_no_plan(generate)
-    return {**generate, **{name: {**DEFAULTS[name], **given[name]} for name in DEFAULTS}}
+    return {**generate, "PLAN": generate.get("PLAN"), **{name: {**DEFAULTS[name], **given[name]} for name in DEFAULTS}}
 
 
 def without_defaults(generate: Mapping[str, Any]) -> dict[str, Any]:

@@ -169,7 +169,7 @@ def _front_caption(speeds: Speeds) -> str:
 def _blind_section(before: Path, after: Path) -> Section:
     text = (
         "Lanes: how many road users are hidden, on average, where they would come out at that metre. Slots: in what "
-        "share of the moments somebody beside the slot is hidden. White means none."
+        "share of the moments somebody beside the slot is hidden. The ground's colour means none."
     )
     parts = [
         _plot(before, "Heat map of blind spots without roadside units", "Hidden from the driving car."),
