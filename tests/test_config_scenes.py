@@ -22,8 +22,8 @@ def cfg():
 
 
 def before(cfg):
-    """The configuration as a file without the two sections gives it."""
-    return {**cfg, "GENERATE": {k: v for k, v in cfg["GENERATE"].items() if k not in ("GARAGE", "SCENE")}}
+    """The configuration as a file gives it that has neither the two sections nor a plan."""
+    return {**cfg, "GENERATE": {k: v for k, v in cfg["GENERATE"].items() if k not in ("GARAGE", "SCENE", "PLAN")}}
 
 
 def test_the_file_holds_every_field_at_its_default(cfg):
