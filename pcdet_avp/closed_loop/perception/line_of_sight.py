@@ -26,11 +26,13 @@ class LineOfSight:
     """All threats in line of sight of the combination's sensors."""
 
     def __init__(self, settings: PerceiverSettings) -> None:
-        self._rig = Rig.from_config(settings.data_cfg["SENSORS"])
+        self._forward = Rig.from_config(settings.data_cfg["SENSORS"])
+        self._rig = self._forward
         self._grid = BevGrid.from_range(settings.data_cfg["POINT_CLOUD_RANGE"], settings.data_cfg["VOXEL_SIZE"])
         self._sought: tuple[int, ...] = ()
 
     def begin(self, scenario: Scenario, seed_key: Sequence[int]) -> None:
+        self._rig = self._forward.reversed() if scenario.reversing else self._forward
         self._sought = tuple(threat.object_id for threat in scenario.threats)
 
     def perceive(self, world: World, tick: int, sensor_set: SensorSet) -> Perceived:

@@ -29,6 +29,7 @@ class AdaFusion(MapFuser):
         return super().fuse_visible(maps, masks)
 
     def fuse(self, maps: Maps, masks: Masks) -> Tensor:
+        """Maps (B, C, H, W) by slot, masks (B, 1, H, W) bool -> both fusions' weighted average (B, C, H, W)."""
         stats, present = pooled_statistics([*maps.values()], [*masks.values()]), union(masks)
         X_spatial = self.spatial.fuse_statistics(stats, masks)
         X_channel = self.channel.fuse_statistics(stats, maps, masks)

@@ -24,6 +24,7 @@ class PillarScatter(nn.Module):
         self.width, self.height = int(grid_size[0]), int(grid_size[1])
 
     def forward(self, batch_dict: dict) -> dict:
+        """pillar_features (N, C), voxel_coords (N, 4), batch_size -> adds spatial_features (B, C, H, W), ego grid."""
         features, coords = batch_dict["pillar_features"], batch_dict["voxel_coords"].long()
         batch_dict["spatial_features"] = self.scatter(features, coords, int(batch_dict["batch_size"]))
         return batch_dict

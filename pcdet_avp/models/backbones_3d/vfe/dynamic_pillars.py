@@ -59,9 +59,11 @@ class DynamicPillars(nn.Module):
         )
 
     def get_output_feature_dim(self) -> int:
+        """Channels of pillar_features; OpenPCDet asks its VFE for them."""
         return self.pfn_layers[-1].linear.out_features
 
     def forward(self, batch_dict: dict) -> dict:
+        """points (P, 1 + C) in metres, batch_size -> adds pillar_features (N, F) and voxel_coords (N, 4) int64."""
         features, coords = self.encode(batch_dict["points"], int(batch_dict["batch_size"]))
         batch_dict["pillar_features"], batch_dict["voxel_coords"] = features, coords
         return batch_dict
