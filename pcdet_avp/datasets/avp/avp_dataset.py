@@ -13,12 +13,11 @@ import torch
 from pcdet_avp.config import require
 from pcdet_avp.datasets.avp.augment import Augmentor
 from pcdet_avp.datasets.avp.collate import collate
-from pcdet_avp.datasets.avp.made_by import check_made_by
-from pcdet_avp.datasets.avp.manifest import MANIFEST_FILE, read_manifest
+from pcdet_avp.datasets.avp.frames import find_frames
 from pcdet_avp.datasets.avp.network_input import NetworkInput
 from pcdet_avp.datasets.avp.prepare import prepare
 from pcdet_avp.datasets.avp.record import read_frame, recorded_sources
-from pcdet_avp.errors import ConfigError, RecordError
+from pcdet_avp.errors import ConfigError
 from pcdet_avp.evaluation import Detections, GroundTruth, Region, evaluate
 from pcdet_avp.evaluation.detections_file import write_texts
 from pcdet_avp.registry import DATASETS
@@ -75,19 +74,7 @@ class AvpDataset(torch.utils.data.Dataset):
         return self.__dict__ | {"logger": None}
 
     def _find_frames(self) -> list[str]:
-        manifest = read_manifest(self.root_path)
-        file = self.root_path / MANIFEST_FILE
-        if not manifest.complete:
-            raise RecordError(f"{file}: complete: the data set is unfinished; make the rest with tools/create_data.py")
-        check_made_by(manifest, self.dataset_cfg, self.root_path)
-        missing = [name for name in self.class_names if name not in manifest.class_names]
-        if missing:
-            raise RecordError(
-                f"{file}: class_names: holds {list(manifest.class_names)}, but {missing[0]!r} is asked for"
-            )
-        frame_ids = manifest.frame_ids(self.split)
-        if not frame_ids:
-            raise RecordError(f"{file}: scenes: no frame in split {self.split!r}; frames: {manifest.frame_counts}")
+        frame_ids = find_frames(self.root_path, self.dataset_cfg, self.class_names, self.split)
         self._check_first_frame(frame_ids[0])
         if self.logger is not None:
             self.logger.info("%s: %d frames in split %s", self.root_path, len(frame_ids), self.split)
