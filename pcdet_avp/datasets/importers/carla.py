@@ -4,7 +4,8 @@
 <src>/<scene>/frames/<frame>.json        one tick: timestamp, every sensor's transform, every actor
 <src>/<scene>/<sensor>/<frame>.*         .png or .jpg of a camera; .ply, .npy or .bin of a LiDAR
 
-    scene.json   {"ego": 87, "sensors": {"front": SENSOR, ...}}
+    scene.json   {"ego": 87, "sensors": {"front": SENSOR, ...}, "static_cars": [BOX, ...]}
+    BOX          {"location": XYZ, "rotation": {...}, "extent": XYZ} in the world: the map's own parked cars, if any
     SENSOR       {"agent": "ego", "type": "sensor.camera.rgb", "attributes": {"image_size_x": "960", ...}}
     a frame      {"timestamp": 12.35, "sensors": {"front": TRANSFORM, ...}, "actors": [ACTOR, ...]}
     ACTOR        {"id": 87, "type_id": "vehicle.a.b", "attributes": {"number_of_wheels": "4", ...},
@@ -106,6 +107,7 @@ class CarlaRecording:
             world_from_unit = upright(pose_of(top["sensors"][first.name]), floor)
             units[name] = _view(known, name, frame, top, world_from_unit, images)
         boxes = [self._box(i, actor) for i, actor in actors.items() if i != known.ego_id]
+        boxes += [self._static_box(-1 - i, entry) for i, entry in enumerate(known.static_cars)]
         labels = labels_in_ego(view.world_from_agent, [box for box in boxes if box is not None])
         time_s = top["timestamp"].number() - self._start(scene)
         return Imported(Record(f"{scene}/{frame}", time_s, view, units, labels), images)
@@ -127,6 +129,13 @@ class CarlaRecording:
             self.notes.add(f"{name} without a size left out", f"{actor.file}: {actor.name}")
             return None
         return WorldBox(object_id, name, box)
+
+    def _static_box(self, object_id: int, entry: Field) -> WorldBox | None:
+        """A car of the map: place and rotation are in the world, ids count down from -1."""
+        box = unreal_box(pose_of(entry), (0.0, 0.0, 0.0), xyz(entry["extent"]))
+        if box is None:
+            self.notes.add("car of the map without a size left out", f"{entry.file}: {entry.name}")
+        return None if box is None else WorldBox(object_id, "Car", box)
 
     def _class(self, actor: Field) -> str | None:
         """Car, Pedestrian, or None for what is left out."""

@@ -34,9 +34,12 @@ class Sensor:
 
 @dataclass(frozen=True)
 class CarlaScene:
+    """scene.json: the ego's actor, the sensors, and the cars of the map, which are no actors."""
+
     folder: Path
     ego_id: int
     sensors: tuple[Sensor, ...]
+    static_cars: tuple[Field, ...]
 
     @classmethod
     def open(cls, folder: Path) -> CarlaScene:
@@ -47,7 +50,7 @@ class CarlaScene:
             same = [s.name for s in sensors if (s.agent, s.kind) == (sensor.agent, sensor.kind)]
             if len(same) > 1:
                 raise listed.error(f"{sensor.agent} has several {sensor.kind} ({', '.join(same)}): a record holds one")
-        return cls(folder, top["ego"].of(int), sensors)
+        return cls(folder, top["ego"].of(int), sensors, tuple(top.get("static_cars", [])))
 
     @property
     def units(self) -> dict[str, Sensor]:

@@ -192,6 +192,20 @@ def test_a_cloud_may_be_raw_data_or_saved_by_carla(carla, suffix):
     np.testing.assert_allclose(points, [[5, -2, 0, 0.25], [9, 3, 2, 1]], atol=1e-6)
 
 
+def test_the_maps_own_parked_cars_are_labelled(carla):
+    """They are no actors. One 10 m ahead and 4 m to the left, turned by 90 degrees: it faces the ego's right."""
+    file = carla / "lot" / "scene.json"
+    content = json.loads(file.read_text())
+    box = carla_pose(10, -4, 0.9, yaw=90) | {"extent": {"x": 2.2, "y": 0.9, "z": 0.7}}
+    content["static_cars"] = [box, box | {"extent": {"x": 0, "y": 0, "z": 0}}]
+    file.write_text(json.dumps(content))
+    recording = open_recording("carla", carla)
+    labels = recording.read("lot", "30").record.labels
+    np.testing.assert_allclose(labels.boxes[-1], [10, 4, 0.7, 4.4, 1.8, 1.4, -QUARTER], atol=1e-9)
+    assert (labels.names[-1], labels.object_ids[-1]) == ("Car", -1)
+    assert recording.notes.counts["car of the map without a size left out"] == 1
+
+
 def test_carlas_mast_by_hand(carla):
     """20 m ahead, facing back, 7 m up, 30 degrees down: its axis meets the floor 7 / tan(30) = 12.12 m before it.
 
