@@ -70,7 +70,7 @@ class Segment:
     def at(self, distance: float) -> tuple[float, float, float]:
         """Pose (x, y, yaw) after a distance along the piece: the integral of (cos, sin)(yaw + curvature s)."""
         half_turn = self.curvature * distance / 2
-        chord = distance * np.sinc(half_turn / np.pi)
+        chord = distance * (np.sinc(half_turn / np.pi) if half_turn else 1.0)
         x, y = self.x + chord * np.cos(self.yaw + half_turn), self.y + chord * np.sin(self.yaw + half_turn)
         return float(x), float(y), self.yaw + 2 * half_turn
 

@@ -20,6 +20,8 @@ from pcdet_avp.sim.meshes.car_spec import CarSpec
 from pcdet_avp.sim.meshes.mesh import Mesh
 from pcdet_avp.sim.rays.face_tables import FaceRoom
 from pcdet_avp.sim.rays.raytracer import RayTracer, TriangleScene
+from pcdet_avp.sim.rays.sightline import Sight
+from pcdet_avp.sim.rays.triangle_scene import bounding_sphere
 from pcdet_avp.sim.render.lights import Lighting, headlamps_of
 from pcdet_avp.structures.ego import EGO_LENGTH_M, EGO_WIDTH_M
 from pcdet_avp.structures.pose import Pose
@@ -35,6 +37,7 @@ MOVING = (
     "moving_scene",
     "ego_tracer",
     "infra_tracer",
+    "ego_scene",
 )  # cached values that are invalid once time advances
 
 
@@ -82,7 +85,7 @@ class World:
     def set_ego(self, x: float, y: float, yaw: float) -> None:
         """Put the ego's centre at x, y (m), heading yaw (rad)."""
         self.world_from_ego = Pose.from_xyz_yaw(x, y, yaw=yaw)
-        self._forget("infra_tracer")
+        self._forget("infra_tracer", "ego_scene")
 
     @property
     def _world_from_body(self) -> Pose:
@@ -145,8 +148,21 @@ class World:
 
     def _build_infra_tracer(self) -> RayTracer:
         """The ego is among those that move: one small scene more would cost every ray a query more."""
-        ego = car_mesh(EGO_SPEC).transformed(self._world_from_body), EGO_INSTANCE
-        return RayTracer([self.static_scene, TriangleScene([*self._movers(), ego])], self._infra_room)
+        return RayTracer([self.static_scene, TriangleScene([*self._movers(), self._ego_part()])], self._infra_room)
+
+    def _ego_part(self) -> tuple[Mesh, int]:
+        return car_mesh(EGO_SPEC).transformed(self._world_from_body), EGO_INSTANCE
+
+    def sight_of(self, agent: str) -> Sight:
+        """What answers whether the sensors of "ego" or "infra" see somebody; the mast's see the ego, too."""
+        if agent == "ego":
+            return Sight(self.static_scene, self.moving_scene)
+        *centre, radius = bounding_sphere(car_mesh(EGO_SPEC))
+        sphere = (*self._world_from_body.apply(np.array(centre)), radius)
+        return Sight(self.static_scene, self.moving_scene, (sphere, self._ego_scene))
+
+    def _ego_scene(self) -> TriangleScene:
+        return self._cached("ego_scene", lambda: TriangleScene([self._ego_part()]))
 
     def _movers(self) -> list[tuple[Mesh, int]]:
         """Mesh and object id of every road user on a trajectory at the current time."""

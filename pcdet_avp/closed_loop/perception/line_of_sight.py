@@ -12,7 +12,6 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from pcdet_avp.closed_loop.perception.perceiver import Missed, Perceived, PerceiverSettings
-from pcdet_avp.sim.rays.sightline import camera_sees, lidar_sees
 from pcdet_avp.sim.rig import Rig
 from pcdet_avp.sim.scenarios.scenario import Scenario
 from pcdet_avp.sim.world import World
@@ -62,8 +61,9 @@ class LineOfSight:
     def _by_sensor(self, world: World, object_id: int, sensor_set: SensorSet) -> Iterator[bool | None]:
         """One sensor's verdict after the other, LiDARs first (they are asked fewer rays)."""
         mesh = world.mesh_of(object_id)
-        for agent, rig, pose, tracer in self._rig.placed_in(world):
+        for agent, rig, pose, _ in self._rig.placed_in(world):
+            sight = world.sight_of(agent)
             if getattr(sensor_set, f"{agent}_lidar"):
-                yield lidar_sees(tracer(), rig.lidar, pose, mesh, object_id, RETURNS)
+                yield sight.lidar_sees(rig.lidar, pose, mesh, object_id, RETURNS)
             if getattr(sensor_set, f"{agent}_camera"):
-                yield camera_sees(tracer(), rig.camera, pose, mesh, object_id, PIXELS)
+                yield sight.camera_sees(rig.camera, pose, mesh, object_id, PIXELS)

@@ -20,6 +20,7 @@ from pcdet_avp.closed_loop.perception.network import DrivingNetwork
 from pcdet_avp.closed_loop.perception.perceiver import Message, Perceived, PerceiverSettings
 from pcdet_avp.closed_loop.perception.roadside_unit import RoadsideUnit
 from pcdet_avp.closed_loop.perception.vehicle_unit import Maps, Onboard
+from pcdet_avp.deploy.runtime import TORCH
 from pcdet_avp.freed_memory import keep_freed_memory
 from pcdet_avp.link.channel import IdealChannel
 from pcdet_avp.sim.rig import Rig, observe
@@ -35,17 +36,17 @@ LINK_STREAM, LOCALISATION_STREAM, CUT_STREAM = 0, 1, 2  # of an episode's random
 def build_network_perceiver(settings: PerceiverSettings) -> NetworkPerceiver:
     """What ``--perception model`` names. With one torch thread: episodes run side by side."""
     options = LinkOptions.of(settings.link, settings.options)
-    driving = driving_network.load(
-        settings.cfg_file,
-        settings.overrides,
-        settings.ckpt,
-        settings.ckpt_sha256,
-        settings.use_amp,
-        settings.ignore_config,
-    )
+    driving = _driving(settings)
     torch.set_num_threads(1)
     keep_freed_memory()
     return NetworkPerceiver(driving, options)
+
+
+def _driving(settings: PerceiverSettings) -> DrivingNetwork:
+    files, checks = (settings.cfg_file, settings.overrides, settings.ckpt), (settings.ckpt_sha256,)
+    if settings.runtime != TORCH:
+        return driving_network.load_exported(*files, settings.runtime, *checks, settings.ignore_config)
+    return driving_network.load(*files, *checks, settings.use_amp, settings.ignore_config)
 
 
 class NetworkPerceiver:
