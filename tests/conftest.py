@@ -14,6 +14,17 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # see pcdet_avp.cli; before
 settings.register_profile("avp", deadline=None, max_examples=50)
 settings.load_profile("avp")
 
+SMALLEST = """
+_BASE_CONFIG_: {base}
+MODEL:
+    CAMERA_ENCODER:
+        IMAGE_BACKBONE: {{BLOCKS: [1], WIDTHS: [16]}}
+        MAP_TO_BEV: {{HEIGHTS: 2}}
+        ATTENTION: null
+    BACKBONE_2D:
+        {{LAYER_NUMS: [1], LAYER_STRIDES: [1], NUM_FILTERS: [16], UPSAMPLE_STRIDES: [1], NUM_UPSAMPLE_FILTERS: [16]}}
+"""
+
 
 @pytest.fixture(scope="session")
 def tiny_data(tmp_path_factory):
@@ -35,9 +46,10 @@ def tiny_data(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def trained(tiny_data, tmp_path_factory):
-    """Configuration, data set, a tiny network with random weights in every layer, and its checkpoint.
+    """Configuration and its file, data set, a network with random weights in every layer, and its checkpoint.
 
-    The scores' bias is raised, so that boxes come out.
+    The network is smaller than ``cp_tiny``, because exporting takes seconds for every stage. The scores' bias is
+    raised, so that boxes come out.
     """
     import torch
 
@@ -46,7 +58,10 @@ def trained(tiny_data, tmp_path_factory):
     from pcdet_avp.engine import checkpoint
     from pcdet_avp.models import build_network
 
-    cfg = load_config(Path(__file__).parents[1] / "cfgs" / "avp" / "cp_tiny.yaml")
+    folder = tmp_path_factory.mktemp("trained")
+    base = Path(__file__).parents[1] / "cfgs" / "avp" / "cp_tiny.yaml"
+    (folder / "smallest.yaml").write_text(SMALLEST.format(base=base))
+    cfg = load_config(folder / "smallest.yaml")
     cfg.DATA_CONFIG.DATA_PATH = str(tiny_data)
     dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split="test")
     torch.manual_seed(0)
@@ -55,10 +70,10 @@ def trained(tiny_data, tmp_path_factory):
         if not parameter.any():  # starts at zero: its layer would be idle
             parameter.normal_(std=0.2)
     network.dense_head.conv_cls.bias += 2.0
-    path = tmp_path_factory.mktemp("weights") / "random.pth"
+    path = folder / "random.pth"
     content = {"model_state": network.state_dict(), "meaning": dict(network.meaning.values), "config": plain(cfg)}
     checkpoint.save(path, content | {"score_thresholds": {"Car": 0.1, "Pedestrian": 0.1}})
-    return SimpleNamespace(cfg=cfg, dataset=dataset, network=network, path=path)
+    return SimpleNamespace(cfg=cfg, cfg_file=folder / "smallest.yaml", dataset=dataset, network=network, path=path)
 
 
 @pytest.fixture(scope="session")

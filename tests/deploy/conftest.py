@@ -7,5 +7,5 @@ from pcdet_avp.structures.sensor_set import SensorSet
 
 @pytest.fixture(scope="session")
 def frames(trained):
-    """Two recorded frames with all sensors."""
-    return [trained.dataset.read(index, SensorSet.parse("CL+CL")) for index in range(2)]
+    """Recorded frames with all sensors."""
+    return [trained.dataset.read(index, SensorSet.parse("CL+CL")) for index in range(len(trained.dataset))]
