@@ -24,6 +24,7 @@ from pcdet_avp.sim.scenarios.table import find_scenario
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
 
 LOOP = "CLOSED_LOOP."
+TRIALS = 20  # of a cell, as in the paper
 SENSING_KEYS = ("SENSORS", "POINT_CLOUD_RANGE", "VOXEL_SIZE")  # all that perceivers without a network read
 
 
@@ -48,7 +49,7 @@ def sweep_of(args: argparse.Namespace, loop_file: Path) -> Sweep:
         perception=perception.name,
         combos=tuple(SENSOR_SETS) if args.combos == "all" else tuple(args.combos.split(",")),
         speeds=tuple(args.speeds),
-        trials=args.trials,
+        trials=args.trials or TRIALS,
         seed=args.seed,
         perceiver=perceiver,
         closed_loop=closed_loop,
