@@ -57,7 +57,7 @@ def make_tiny_data(root):
 
 
 @pytest.fixture(scope="session")
-def trained(tiny_data, tmp_path_factory):
+def to_export(tiny_data, tmp_path_factory):
     """Configuration and its file, data set, a network with random weights in every layer, and its checkpoint.
 
     The network is smaller than ``cp_tiny``, because exporting takes seconds for every stage. The scores' bias is
@@ -89,14 +89,14 @@ def trained(tiny_data, tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
-def exported(trained, tmp_path_factory):
-    """The folder that the network of ``trained`` was exported to."""
+def exported(to_export, tmp_path_factory):
+    """The folder that the network of ``to_export`` was exported to."""
     for name in ("onnx", "onnxscript", "onnxruntime"):
         pytest.importorskip(name, reason=f"exporting needs {name}: pip install 'pcdet_avp[export]'")
     from pcdet_avp.models.export.write import export_network
 
     folder = tmp_path_factory.mktemp("exported") / "tiny"
     facts = {"precision": "float32", "weights_hash": "0123", "score_thresholds": {"Car": 0.1, "Pedestrian": 0.1}}
-    shape = trained.dataset.prepare_config.image_shape
-    export_network(trained.network, trained.cfg.CLASS_NAMES, shape, folder, facts)
+    shape = to_export.dataset.prepare_config.image_shape
+    export_network(to_export.network, to_export.cfg.CLASS_NAMES, shape, folder, facts)
     return folder
