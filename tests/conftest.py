@@ -33,12 +33,17 @@ def tiny_data(tmp_path_factory):
 
     Processes that share the tests (``pytest -n 2``) share it, too: the first one makes it, and compiles for all.
     """
-    base = tmp_path_factory.getbasetemp()
-    root = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "tiny_data"
+    root = shared_folder(tmp_path_factory) / "tiny_data"
     with FileLock(f"{root}.lock"):
         if not (root / "dataset.json").exists():
             make_tiny_data(root)
     return root
+
+
+def shared_folder(tmp_path_factory):
+    """A folder of this run that all of its processes have."""
+    base = tmp_path_factory.getbasetemp()
+    return base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
 
 
 def make_tiny_data(root):
@@ -90,13 +95,15 @@ def to_export(tiny_data, tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def exported(to_export, tmp_path_factory):
-    """The folder that the network of ``to_export`` was exported to."""
+    """The folder that the network of ``to_export`` was exported to; all processes of a run share it."""
     for name in ("onnx", "onnxscript", "onnxruntime"):
         pytest.importorskip(name, reason=f"exporting needs {name}: pip install 'pcdet_avp[export]'")
     from pcdet_avp.models.export.write import export_network
 
-    folder = tmp_path_factory.mktemp("exported") / "tiny"
+    folder = shared_folder(tmp_path_factory) / "exported" / "tiny"
     facts = {"precision": "float32", "weights_hash": "0123", "score_thresholds": {"Car": 0.1, "Pedestrian": 0.1}}
     shape = to_export.dataset.prepare_config.image_shape
-    export_network(to_export.network, to_export.cfg.CLASS_NAMES, shape, folder, facts)
+    with FileLock(shared_folder(tmp_path_factory) / "exported.lock"):
+        if not folder.exists():
+            export_network(to_export.network, to_export.cfg.CLASS_NAMES, shape, folder, facts)
     return folder
