@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcdet_avp.errors import ConfigError
+from pcdet_avp.sim.plans.floor import Unit
 from pcdet_avp.sim.rays.lidar import LidarNoise, sweep
 from pcdet_avp.sim.rays.raytracer import RayTracer
 from pcdet_avp.sim.render.camera import render
@@ -47,6 +48,16 @@ class AgentRig:
         except KeyError as missing:
             raise ConfigError(f"DATA_CONFIG.SENSORS: missing key {missing}") from None
 
+    def hung_as(self, unit: Unit | None) -> AgentRig:
+        """The same sensors at the height and pitch of a roadside unit; unchanged where there is none."""
+        if unit is None:
+            return self
+        mount = Pose.from_xyz_yaw(0.0, 0.0, unit.z, pitch_down=unit.pitch_down)
+        hfov = 2 * np.arctan(self.camera.width / 2 / self.camera.fx)
+        size = self.camera.width, self.camera.height
+        camera = PinholeCamera.looking_ahead(*size, hfov, 0.0, unit.z, unit.pitch_down)
+        return replace(self, camera=camera, lidar=replace(self.lidar, agent_from_lidar=mount))
+
 
 @dataclass(frozen=True, eq=False)
 class Rig:
@@ -71,7 +82,7 @@ class Rig:
         """The sensors of ego and roadside unit where they stand in a world now."""
         return (
             PlacedRig("ego", self.ego, world.world_from_ego, world.ego_tracer),
-            PlacedRig("infra", self.infra, world.world_from_infra, world.infra_tracer),
+            PlacedRig("infra", self.infra.hung_as(world.unit), world.world_from_infra, world.infra_tracer),
         )
 
 
