@@ -78,6 +78,7 @@ DATA = {
     "VOXEL_SIZE": POSITIVE.list_of(3),
     "IMAGE_SHAPE": COUNT.list_of(2),
     "DEPTH_DOWNSAMPLE": COUNT,
+    "ROADSIDE_UNIT": TEXT.or_null(),
     "DATA_SPLIT.train": TEXT,
     "DATA_SPLIT.test": TEXT,
     "SENSOR_SET": TEXT,

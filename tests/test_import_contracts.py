@@ -21,7 +21,7 @@ def modules_of(floor):
         return ["pcdet_avp"]
     root = PACKAGE / floor
     if root.with_suffix(".py").exists():
-        return [f"pcdet_avp.{floor}"]
+        return [f"pcdet_avp.{floor.replace('/', '.')}"]
     found = pkgutil.walk_packages([str(root)], prefix=f"pcdet_avp.{floor}.")
     return [f"pcdet_avp.{floor}", *(module.name for module in found)]
 
@@ -44,13 +44,33 @@ def test_importing_the_package_costs_nothing():
 
 
 # One interpreter for the floors of a rule: what none of them loads together, none loads alone.
-NUMPY_FLOORS = ("structures", "sim", "link", "evaluation", "visualization")
+NUMPY_FLOORS = ("structures", "sim", "link", "evaluation", "visualization", "deploy")
 LOWER_FLOORS = ("structures", "link", "evaluation")
 NETWORK_FLOORS = ("models", "datasets", "engine", "openpcdet", "bandwidth", "plugin")
 
 
 def test_numpy_floors_never_import_torch():
     assert "torch" not in loaded_after(*NUMPY_FLOORS), f"pcdet_avp.{', '.join(NUMPY_FLOORS)} must do without torch"
+
+
+OPENING_FLOORS = (
+    "models.export.opened",
+    "datasets.avp.frames",
+    "datasets.avp.prepare",
+    "engine.halves",
+    "runtime_arguments",
+)
+
+
+def test_a_computer_without_torch_can_open_an_exported_network():
+    assert "torch" not in loaded_after(*(module.replace(".", "/") for module in OPENING_FLOORS))
+
+
+def test_an_exported_network_needs_the_floors_below_alone():
+    ours = {name for name in loaded_after("deploy") if name.startswith("pcdet_avp.")}
+    allowed = ("pcdet_avp.deploy", "pcdet_avp.link", "pcdet_avp.structures", "pcdet_avp.errors")
+    assert not [name for name in ours if not name.startswith(allowed)]
+    assert not {"onnxruntime", "openvino", "onnx"} & loaded_after("deploy")  # until one of them is asked for
 
 
 def test_network_and_data_set_never_see_the_simulator():
@@ -72,6 +92,7 @@ def test_lower_floors_do_not_look_up():
             "openpcdet",
             "bandwidth",
             "commands",
+            "deploy",
         )
     )
     reached = sorted(name for name in loaded if name.startswith(above))

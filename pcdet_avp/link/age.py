@@ -1,4 +1,7 @@
-"""Age of information: how old the newest capture is that the receiver holds."""
+"""Age of information: how old the newest capture is that the receiver holds of one roadside unit.
+
+Every unit has an age of its own: hand in the captures and arrivals of one sender at a time.
+"""
 
 from __future__ import annotations
 

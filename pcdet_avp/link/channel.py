@@ -1,6 +1,7 @@
 """The air between roadside and vehicle: blocks, loss, repetition, queue, delay.
 
-Time is in seconds and only moves on; all randomness comes from the generator handed in.
+Time is in seconds and only moves on; all randomness comes from the generator handed in. A stream is one modality of one
+roadside unit; whoever sends chooses its name. All units share the channel, its queue and its losses.
 """
 
 from __future__ import annotations

@@ -13,13 +13,15 @@ from pcdet_avp.structures.pose import Pose
 MODALITIES = ("camera", "lidar")
 # Largest map that is sent or read: 64 channels of 376 x 280 cells fit, an announced gigabyte does not.
 MAX_ELEMENTS = 1 << 23
+MAX_SENDERS = 1 << 16  # numbers that a roadside unit can have
 
 
 @dataclass(frozen=True)
 class MapStamp:
-    """Which capture a map shows: frame id, time in microseconds, modality, and the planar pose world_from_agent.
+    """Which capture a map shows: frame id, time in microseconds, modality, the planar pose world_from_agent, sender.
 
-    The pose travels, and is kept here, as float32: metres, metres, radians.
+    The pose travels, and is kept here, as float32: metres, metres, radians. ``sender`` is the number of the roadside
+    unit at its site, 0 to 65535; a site's only unit is number 0.
     """
 
     frame_id: int
@@ -28,12 +30,15 @@ class MapStamp:
     x_m: float
     y_m: float
     yaw_rad: float
+    sender: int = 0
 
     def __post_init__(self) -> None:
         if self.modality not in MODALITIES:
             raise PacketError(f"modality: expected one of {', '.join(MODALITIES)}, found {self.modality!r}")
         if not 0 <= self.frame_id < 1 << 32 or not 0 <= self.time_us < 1 << 64:
             raise PacketError(f"frame id {self.frame_id} or time {self.time_us} us is outside 32 or 64 bits")
+        if not 0 <= self.sender < MAX_SENDERS:
+            raise PacketError(f"sender: expected a unit's number from 0 to {MAX_SENDERS - 1}, found {self.sender}")
         with np.errstate(over="ignore"):
             pose = [float(np.float32(getattr(self, name))) for name in ("x_m", "y_m", "yaw_rad")]
         if not np.isfinite(pose).all():
@@ -42,10 +47,10 @@ class MapStamp:
             object.__setattr__(self, name, value)
 
     @classmethod
-    def at_pose(cls, frame_id: int, time_us: int, modality: str, world_from_agent: Pose) -> MapStamp:
+    def at_pose(cls, frame_id: int, time_us: int, modality: str, world_from_agent: Pose, sender: int = 0) -> MapStamp:
         """The stamp of a map that was taken at a pose; height, roll and pitch are not sent."""
         x, y = world_from_agent.translation[:2]
-        return cls(frame_id, time_us, modality, float(x), float(y), world_from_agent.yaw)
+        return cls(frame_id, time_us, modality, float(x), float(y), world_from_agent.yaw, sender)
 
     @property
     def world_from_agent(self) -> Pose:

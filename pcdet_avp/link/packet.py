@@ -57,7 +57,7 @@ def encode(
     sent_exponents = () if exponents is None else tuple(int(e) for e in exponents)
     fmt = MapFormat(channels, height, width, precision, sent_exponents)
     codes = to_codes(latent, precision, exponents)
-    budget = max_segment_bytes - overhead_bytes(fmt)
+    budget = max_segment_bytes - overhead_bytes(fmt, stamp.sender)
     return [seal(SegmentHeader(stamp, fmt, first, cells), body) for first, cells, body in _runs(codes, fmt, budget)]
 
 

@@ -1,4 +1,8 @@
-"""Rate control at the sender: the longest cells of a map that fit a number of bytes."""
+"""Rate control at the sender: the longest cells of a map that fit a number of bytes.
+
+The budget is one map's, so each roadside unit keeps its own without asking another. Units share the air: N of them with
+one budget take N times the air time of one, and a site that wants to keep that of one gives each an N-th.
+"""
 
 from __future__ import annotations
 

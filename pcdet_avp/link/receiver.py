@@ -1,31 +1,84 @@
-"""The vehicle's end of the link: which of the arrived segments count, and which map is the newest worth using."""
+"""The vehicle's end of the link: which of the arrived segments count, and which maps are the newest worth using.
+
+Every roadside unit (sender) counts for itself: its frames, its repeats, its age. What one of them sends, or that it
+falls silent, changes nothing for another.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
+from typing import NamedTuple
 
 from pcdet_avp.errors import PacketError
+from pcdet_avp.link.header import MAX_ELEMENTS, SegmentHeader
 from pcdet_avp.link.packet import LatentMap, PartialMap, open_body
 from pcdet_avp.link.segment import unseal
 
-# Maps held per modality: the one in use, the one arriving, and one that overtook it.
+# Maps held of a sender's modality: the one in use, the one arriving, and one that overtook it.
 HELD_MAPS = 3
+# Streams held in all: 16 senders of two modalities, and no more elements than one sender of the largest maps takes.
+# Beyond that, the streams silent for longest are forgotten.
+HELD_STREAMS, HELD_ELEMENTS = 32, 2 * HELD_MAPS * MAX_ELEMENTS
 # A newer map is used as soon as it has this share of the cells of the fullest one held.
 FULL_ENOUGH = 0.5
 
 
-class Receiver:
-    """Takes segments in any order, and gives out one map per modality.
+class StreamKey(NamedTuple):
+    """The maps of one modality from one roadside unit."""
 
-    A damaged or foreign segment is counted and otherwise as if it had never come; so are a repeated (frame,
-    modality, segment) and a frame older than the last one used.
+    sender: int
+    modality: str
+
+
+class Stream:
+    """What is held of one sender's modality: maps by frame id, and the last frame used."""
+
+    def __init__(self) -> None:
+        self.maps: dict[int, PartialMap] = {}
+        self.last_used = 0
+
+    def push(self, header: SegmentHeader, body: bytes) -> str:
+        """Take a segment; what became of it (see ``Receiver.counts``)."""
+        frame, held = header.stamp.frame_id, self.maps
+        if frame < self.last_used or (len(held) == HELD_MAPS and frame < min(held)):
+            return "late"
+        if frame in held and held[frame].holds(header):
+            return "repeated"
+        segment = open_body(header, body)
+        if frame not in held:
+            held[frame] = PartialMap(header)
+        held[frame].add(segment)
+        if len(held) > HELD_MAPS:
+            del held[min(held)]
+        return "accepted"
+
+    def take(self, oldest_us: float) -> LatentMap | None:
+        """The newest map worth using of those captured at ``oldest_us`` or later."""
+        held = {frame: partial for frame, partial in self.maps.items() if partial.stamp.time_us >= oldest_us}
+        if not held:
+            return None
+        enough = FULL_ENOUGH * max(partial.cells_present for partial in held.values())
+        self.last_used = max(frame for frame, partial in held.items() if partial.cells_present >= enough)
+        self.maps = {frame: partial for frame, partial in held.items() if frame >= self.last_used}
+        return self.maps[self.last_used].as_map()
+
+    @property
+    def elements(self) -> int:
+        """Memory that the maps take, in elements of two bytes."""
+        return sum(partial.format.channels * partial.format.cells for partial in self.maps.values())
+
+
+class Receiver:
+    """Takes segments in any order, and gives out one map per modality of each sender.
+
+    A damaged or foreign segment is counted and otherwise as if it had never come; so are a repeated (sender, frame,
+    modality, segment) and a frame older than the last one used of this sender and modality.
     """
 
     def __init__(self, shape: tuple[int, int, int] | None = None, max_age_us: int | None = None) -> None:
         """``shape`` (C, H, W): the only one to accept. ``max_age_us``: older maps are not given out."""
         self._shape, self._max_age_us = shape, max_age_us
-        self._maps: dict[str, dict[int, PartialMap]] = {}
-        self._last_used: dict[str, int] = {}
+        self._streams: dict[StreamKey, Stream] = {}  # the one heard last comes last
         # Segments by what became of them: accepted, repeated, late, damaged.
         self.counts: Counter[str] = Counter()
 
@@ -38,36 +91,41 @@ class Receiver:
         self.counts[fate] += 1
         return fate == "accepted"
 
-    def take(self, modality: str, now_us: int) -> LatentMap | None:
-        """The newest map worth using at this time (us), or None; older frames are refused from now on."""
-        held = {
-            frame: partial for frame, partial in self._maps.get(modality, {}).items() if self._young(partial, now_us)
-        }
-        if not held:
+    def take(self, modality: str, now_us: int, sender: int = 0) -> LatentMap | None:
+        """The newest map of a sender worth using at this time (us), or None; its older frames are then refused."""
+        stream = self._streams.get(StreamKey(sender, modality))
+        if stream is None:
             return None
-        enough = FULL_ENOUGH * max(partial.cells_present for partial in held.values())
-        used = max(frame for frame, partial in held.items() if partial.cells_present >= enough)
-        self._last_used[modality] = used
-        self._maps[modality] = {frame: partial for frame, partial in held.items() if frame >= used}
-        return held[used].as_map()
+        return stream.take(-float("inf") if self._max_age_us is None else now_us - self._max_age_us)
 
-    def _young(self, partial: PartialMap, now_us: int) -> bool:
-        return self._max_age_us is None or now_us - partial.stamp.time_us <= self._max_age_us
+    def take_all(self, now_us: int) -> list[LatentMap]:
+        """What ``take`` gives of every sender and modality, ordered by both."""
+        taken = [self.take(key.modality, now_us, key.sender) for key in sorted(self._streams)]
+        return [known for known in taken if known is not None]
+
+    @property
+    def senders(self) -> tuple[int, ...]:
+        """Numbers of the units of which anything is held, young or old, in order."""
+        return tuple(sorted({key.sender for key in self._streams}))
 
     def _push(self, payload: bytes) -> str:
         header, body = unseal(payload)
         if self._shape is not None and header.format.shape != tuple(self._shape):
             raise PacketError(f"segment: expected a map of shape {self._shape}, found {header.format.shape}")
-        frame, modality = header.stamp.frame_id, header.stamp.modality
-        held = self._maps.setdefault(modality, {})
-        if frame < self._last_used.get(modality, 0) or (len(held) == HELD_MAPS and frame < min(held)):
-            return "late"
-        if frame in held and held[frame].holds(header):
-            return "repeated"
-        segment = open_body(header, body)
-        if frame not in held:
-            held[frame] = PartialMap(header)
-        held[frame].add(segment)
-        if len(held) > HELD_MAPS:
-            del held[min(held)]
-        return "accepted"
+        key = StreamKey(header.stamp.sender, header.stamp.modality)
+        stream = self._streams.get(key) or Stream()
+        fate = stream.push(header, body)
+        if fate == "accepted":
+            self._keep(key, stream)
+        return fate
+
+    def _keep(self, key: StreamKey, stream: Stream) -> None:
+        """Make this stream the last one heard; memory stays bounded, whatever sender numbers arrive."""
+        self._streams.pop(key, None)
+        self._streams[key] = stream
+        while len(self._streams) > HELD_STREAMS or self._elements > HELD_ELEMENTS:
+            del self._streams[next(iter(self._streams))]
+
+    @property
+    def _elements(self) -> int:
+        return sum(stream.elements for stream in self._streams.values())

@@ -56,6 +56,13 @@ class Rig:
         """The sensors of DATA_CONFIG.SENSORS = {EGO: {CAMERA, LIDAR}, INFRA: {CAMERA, LIDAR}}."""
         return cls(AgentRig.from_config(sensors["EGO"]), AgentRig.from_config(sensors["INFRA"]))
 
+    def reversed(self) -> Rig:
+        """The same vehicle in a frame that faces where its tail points: its sensors turned by 180 degrees."""
+        turn = Pose.from_xyz_yaw(0.0, 0.0, yaw=np.pi)
+        camera = replace(self.ego.camera, agent_from_camera=turn @ self.ego.camera.agent_from_camera)
+        lidar = replace(self.ego.lidar, agent_from_lidar=turn @ self.ego.lidar.agent_from_lidar)
+        return replace(self, ego=replace(self.ego, camera=camera, lidar=lidar))
+
     def placed_in(self, world: World) -> tuple[PlacedRig, PlacedRig]:
         """The sensors of ego and roadside unit where they stand in a world now."""
         return (

@@ -3,10 +3,12 @@
 Most damage stops at the checksum; half of the payloads get a fitting one, so that the parser behind it is met too.
 """
 
+import itertools
 import struct
 import time
 import tracemalloc
 import zlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,6 +21,7 @@ from pcdet_avp.link.packet import decode_segment
 from pcdet_avp.link.precision import from_codes
 
 STAMP = MapStamp(frame_id=7, time_us=350_000, modality="lidar", x_m=12.5, y_m=-3.25, yaw_rad=0.5)
+OF_ANOTHER = replace(STAMP, sender=300)  # written as version 2
 SECONDS_EACH, BYTES_EACH = 1.0, 120e6
 
 
@@ -30,7 +33,8 @@ def resealed(payload):
 def good_payloads():
     rng = np.random.default_rng(0)
     smooth = np.cumsum(rng.normal(size=(8, 20, 30)), axis=2) * (rng.random((20, 30)) < 0.4)
-    return [p for precision in ("float16", "int8") for p in encode(smooth, STAMP, 700, precision)]
+    kinds = itertools.product((STAMP, OF_ANOTHER), ("float16", "int8"))
+    return [p for stamp, precision in kinds for p in encode(smooth, stamp, 700, precision)]
 
 
 def flip_bits(payload, other, rng):
@@ -58,7 +62,7 @@ def random_body(payload, other, rng):
 
 
 def foreign_version(payload, other, rng):
-    return payload[:2] + bytes([rng.integers(2, 256)]) + payload[3:]
+    return payload[:2] + bytes([rng.integers(3, 256)]) + payload[3:]
 
 
 def huge_header(payload, other, rng):
@@ -162,7 +166,7 @@ def test_every_change_without_a_new_checksum_is_noticed(data):
     ("offset", "replacement", "message"),
     [
         (0, b"PK", "magic"),
-        (2, b"\x02", "version 1, found 2"),
+        (2, b"\x03", "version 1 or 2, found 3"),
         (3, b"\x02", "modality 2"),
         (3, b"\x21", "precision 2"),
         (16, struct.pack("<f", np.nan), "finite"),

@@ -1,5 +1,11 @@
 """Round trips, subsets, sizes and the frozen wire format."""
 
+import json
+import struct
+import zlib
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -88,15 +94,17 @@ def test_the_worst_map_costs_an_eighth_more_than_plain_values(precision):
 
 
 def test_headers_are_as_long_as_documented():
-    """33 B common, 12 B own; int8 adds a byte per channel. Everything else is mask and values."""
+    """33 B common, 12 B own; int8 adds a byte per channel, a sender two. Everything else is mask and values."""
     tiny = np.ones((8, 1, 1), np.float32)
     header = decode_segment(encode(tiny, STAMP, 500)[0]).header
     assert overhead_bytes(header.format) == 45
     assert overhead_bytes(decode_segment(encode(tiny, STAMP, 500, "int8")[0]).header.format) == 53
+    assert overhead_bytes(header.format, sender=1) == 47
+    assert len(encode(tiny, replace(STAMP, sender=9), 500)[0]) == len(encode(tiny, STAMP, 500)[0]) + 2
 
 
 def test_the_wire_format_is_frozen():
-    """A change of these bytes is a new format: raise VERSION and write them anew."""
+    """A change of these bytes is a new format: add a version and write them anew."""
     latent = np.zeros((2, 2, 3), np.float32)
     latent[0, 0, 1], latent[1, 0, 1], latent[1, 1, 2] = 1.0, -0.5, 3.25
     (payload,) = encode(latent, STAMP, 500)
@@ -111,6 +119,39 @@ def test_the_wire_format_is_frozen():
     )  # fmt: skip
     assert payload[33:41].hex() == "0000000006000000"
     assert payload[41:].hex() == "73ffe70009ff31e0" + "3f43c241"  # body, CRC-32
+
+
+def test_version_2_has_the_sender_between_kind_and_frame_id_and_is_version_1_in_all_else():
+    latent = np.zeros((2, 2, 3), np.float32)
+    latent[0, 0, 1] = 1.0
+    (lone,), (of_513,) = (encode(latent, replace(STAMP, sender=n), 500) for n in (0, 513))
+    assert of_513[:6].hex() == "415602010102"  # little-endian 513
+    assert of_513[6:-4] == lone[4:-4]
+    assert decode([of_513]).stamp == replace(STAMP, sender=513)
+    assert decode([lone]).stamp == STAMP
+
+
+def test_a_segment_of_version_2_may_say_sender_0():
+    """Nobody of ours writes it, but it says what version 1 says."""
+    (lone,) = encode(np.ones((1, 2, 2), np.float32), STAMP, 500)
+    spelled_out = lone[:2] + b"\x02" + lone[3:4] + b"\0\0" + lone[4:-4]
+    spelled_out += struct.pack("<I", zlib.crc32(spelled_out))
+    assert decode([spelled_out, lone]).stamp.sender == 0
+
+
+@pytest.mark.parametrize("precision", ["float16", "int8"])
+def test_bytes_that_version_1_wrote_are_decoded_and_written_as_they_were(precision):
+    """Recorded at commit bc8fdc8, before there was a version 2."""
+    recorded = json.loads((Path(__file__).parent / "version_1" / "segments.json").read_text())[precision]
+    row, column = np.mgrid[:12, :20]
+    values = np.stack([(row - 2 * column + k) / 8 for k in range(3)]).astype(np.float32)
+    latent = np.where((row + 3 * column) % 5 < 2, values, 0).astype(np.float32)
+    stamp = MapStamp(41, 2_050_000, "camera", -3.5, 8.25, 1.5)
+    decoded = decode(map(bytes.fromhex, recorded))
+    assert decoded.stamp == stamp
+    assert decoded.present.all()
+    np.testing.assert_array_equal(decoded.values, rounded(latent, precision))
+    assert [payload.hex() for payload in encode(latent, stamp, 150, precision)] == recorded
 
 
 def test_pose_travels_in_the_plane(stamp):
@@ -157,7 +198,16 @@ def test_decoding_needs_a_segment():
 
 @pytest.mark.parametrize(
     "change",
-    [{"frame_id": -1}, {"frame_id": 1 << 32}, {"time_us": -1}, {"modality": "radar"}, {"x_m": np.nan}, {"y_m": 1e39}],
+    [
+        {"frame_id": -1},
+        {"frame_id": 1 << 32},
+        {"time_us": -1},
+        {"modality": "radar"},
+        {"x_m": np.nan},
+        {"y_m": 1e39},
+        {"sender": -1},
+        {"sender": 65_536},
+    ],
 )
 def test_a_stamp_that_cannot_travel_is_refused(change):
     values = {"frame_id": 1, "time_us": 1, "modality": "lidar", "x_m": 0.0, "y_m": 0.0, "yaw_rad": 0.0}
