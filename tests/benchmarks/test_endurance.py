@@ -94,9 +94,11 @@ WORK = f"""
 import os, sys, time
 from pathlib import Path
 fault, folder = sys.argv[1], Path(sys.argv[2])
-for file in folder.glob("*.txt") if fault == "forgets" else ():
-    file.unlink()
-for number in range({FILES}):
+first = folder / "0.txt"
+forgets = fault == "forgets" and first.exists()
+if forgets:
+    first.unlink()
+for number in range(int(forgets), {FILES}):
     file = folder / f"{{number}}.txt"
     if file.exists():
         continue
