@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from pcdet_avp.closed_loop.episode_log import EpisodeFigures, EpisodeLog
 from pcdet_avp.closed_loop.sweep.numbers import finite_mean
+from pcdet_avp.closed_loop.sweep.unit_figures import unit_figures
 from pcdet_avp.sim.scenarios.scenario import Scenario
 
 
@@ -31,6 +32,7 @@ class EpisodeRow:
     message_bytes: float | None  # mean size
     message_age_s: float | None  # mean age when used
     max_lateral_acceleration_mps2: float  # m/s2, of the other vehicle on its rails
+    units: str = ""  # each roadside unit of which a map was used (see ``unit_figures``)
 
     @classmethod
     def of(cls, case: Case, scenario: Scenario, log: EpisodeLog) -> EpisodeRow:
@@ -42,6 +44,7 @@ class EpisodeRow:
             message_bytes=finite_mean(message.bytes for message in messages),
             message_age_s=finite_mean(message.age_s for message in messages),
             max_lateral_acceleration_mps2=scenario.max_lateral_acceleration_mps2,
+            units=unit_figures(log.messages, log.times[1] - log.times[0] if len(log.times) > 1 else 0.0),
         )
 
     @classmethod
@@ -76,8 +79,9 @@ def current_columns(values: Mapping[str, Any]) -> dict[str, Any]:
     """A line of ``episodes.csv`` or of a journal with today's columns, whichever version wrote it.
 
     Up to commit c063a55 there was no column ``crashed``: a contact with the front was a crash, and at the T-junction
-    one with the side, too.
+    one with the side, too. Up to commit bc8fdc8 there was one roadside unit, and no column ``units``.
     """
+    values = {**values, "units": values.get("units", "")}
     values = {FORMER_NAMES.get(name, name): value for name, value in values.items()}
     if "crashed" in values:
         return values
