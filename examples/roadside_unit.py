@@ -1,10 +1,14 @@
-"""The roadside's process: 20 times a second it encodes what the mast's sensors see and sends it over UDP.
+"""A roadside unit's process: 20 times a second it encodes what the unit's sensors see and sends it over UDP.
 
     python examples/vehicle.py       --cfg cfgs/avp/cp_small.yaml --ckpt weights/cp_small.pth          first, and in
     python examples/roadside_unit.py --cfg cfgs/avp/cp_small.yaml --ckpt weights/cp_small.pth          another terminal
 
 The sensors are a recording: the first frames of a data set's split, over and over. The vehicle replays the same ones.
 Where encoding takes longer than a tick, ticks are left out, and the rate that is printed says so.
+
+A site with several units runs one process for each, every one with a number of its own: ``--unit 0``, ``--unit 1``. The
+recording has one roadside unit; a further one replays the same view unless it is given a data set of its own
+(``--set DATA_CONFIG.DATA_PATH DIR``).
 """
 
 from __future__ import annotations
@@ -15,7 +19,7 @@ import signal
 import socket
 import time
 
-from pcdet_avp.argument_types import path, positive_float, positive_int
+from pcdet_avp.argument_types import non_negative_int, path, positive_float, positive_int
 from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
 from pcdet_avp.datasets import build_dataset
 from pcdet_avp.datasets.avp.collate import collate, load_batch
@@ -24,6 +28,7 @@ from pcdet_avp.engine import distributed
 from pcdet_avp.engine.testing.run import load_network
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.link import NrV2xConfig
+from pcdet_avp.link.header import MAX_SENDERS
 from pcdet_avp.models.detectors.split_inference import RoadsideHalf
 from pcdet_avp.structures.frame import Frame
 from pcdet_avp.structures.sensor_set import SensorSet
@@ -34,6 +39,7 @@ SENSORS = SensorSet(False, False, True, True)
 def parse_arguments() -> argparse.Namespace:
     parser = config_parser("Encode and send roadside maps.", weights=True)
     parser.add_argument("--ckpt", type=path, required=True, help="checkpoint")
+    parser.add_argument("--unit", type=non_negative_int, default=0, help="number at the site, 0 to 65535 (default: 0)")
     parser.add_argument("--to", default="127.0.0.1:47020", metavar="HOST:PORT", help="where the vehicle listens")
     parser.add_argument("--seconds", type=positive_float, default=10.0, help="how long to send")
     parser.add_argument("--rate", type=positive_float, default=20.0, help="maps of a modality a second (default: 20)")
@@ -66,19 +72,23 @@ def send(half: RoadsideHalf, frames: list[tuple[dict, Frame]], args: argparse.Na
         while (now_s := time.time()) < first_s + args.seconds:
             tick = int(now_s * args.rate)
             batch_dict, frame = frames[tick % len(frames)]
-            sent = half.segments(batch_dict, tick % (1 << 32), int(1e6 * now_s), frame.infra.world_from_agent)
+            pose = frame.infra.world_from_agent
+            sent = half.segments(batch_dict, tick % (1 << 32), int(1e6 * now_s), pose, args.unit)
             for payloads in sent.values():
                 for payload in payloads:
                     total += sender.sendto(payload, receiver)
             ticks += 1
             time.sleep(max(0.0, (tick + 1) / args.rate - time.time()))
     seconds = time.time() - first_s
-    print(f"sent {ticks} frames in {seconds:.1f} s: {ticks / seconds:.1f} Hz, {8e-6 * total / seconds:.2f} Mbit/s")
+    rates = f"{ticks / seconds:.1f} Hz, {8e-6 * total / seconds:.2f} Mbit/s"
+    print(f"unit {args.unit}: sent {ticks} frames in {seconds:.1f} s: {rates}")
 
 
 def main() -> None:
     args = parse_arguments()
     address(args.to)
+    if args.unit >= MAX_SENDERS:
+        raise ConfigError(f"--unit: expected a number below {MAX_SENDERS}, found {args.unit}")
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     cfg, ranks = load_arguments_config(args), distributed.start(device="cpu")
     dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split=args.split)
@@ -86,7 +96,10 @@ def main() -> None:
     half = RoadsideHalf(model, NrV2xConfig().max_segment_bytes, args.budget)
     frames = recording(dataset, args.frames, SENSORS, ranks.device)
     half.segments(frames[0][0], 0, 0, frames[0][1].infra.world_from_agent)  # the first call compiles
-    print(f"sending {len(frames)} frames of {args.split} to {args.to} for {args.seconds:g} s", flush=True)
+    print(
+        f"unit {args.unit}: sending {len(frames)} frames of {args.split} to {args.to} for {args.seconds:g} s",
+        flush=True,
+    )
     send(half, frames, args)
 
 

@@ -1,4 +1,4 @@
-"""examples/: a roadside unit and a vehicle, two processes that share nothing but a UDP port."""
+"""examples/: roadside units and a vehicle, processes that share nothing but a UDP port."""
 
 import os
 import re
@@ -75,6 +75,23 @@ def test_the_vehicle_fuses_what_the_roadside_sends(start):
     assert "Traceback" not in errors
 
 
+def test_the_vehicle_fuses_what_two_units_send_and_goes_on_when_one_is_killed(start):
+    place = f"127.0.0.1:{free_port()}"
+    vehicle = start("vehicle", "--listen", place, "--seconds", 8, "--max_age", 30)
+    first, second = (start("roadside_unit", "--to", place, "--seconds", 120, "--unit", unit) for unit in (0, 7))
+    lines = []
+    while not any("unit 0: " in line and "unit 7: " in line for line in lines):
+        lines.append(vehicle.stdout.readline())
+        assert lines[-1], vehicle.communicate()[1]
+    second.kill()  # no word of farewell
+    printed, errors = vehicle.communicate(timeout=110)
+    assert vehicle.returncode == 0, errors
+    summed = printed.splitlines()[-1]
+    used = {int(unit): int(maps) for unit, maps in re.findall(r"unit (\d+): (\d+) maps, \d+ ms", summed)}
+    assert set(used) == {0, 7}, summed
+    assert first.poll() is None
+
+
 def test_what_is_wrong_is_one_line(start):
     place = f"127.0.0.1:{free_port()}"
     alone = start("vehicle", "--listen", place, "--wait", 0.2)
@@ -84,6 +101,7 @@ def test_what_is_wrong_is_one_line(start):
         processes = {
             "cannot be bound": start("vehicle", "--listen", place),
             "expected HOST:PORT, found 'here'": start("roadside_unit", "--to", "here"),
+            "--unit: expected a number below 65536, found 65536": start("roadside_unit", "--unit", 65_536),
             "no segment at all; is roadside_unit.py running": alone,
         }
         for words, process in processes.items():
