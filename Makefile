@@ -4,6 +4,7 @@
 PYTHON ?= python3
 VENV ?= .venv
 MINUTES ?= 3
+JOBS ?= 2
 BIN := $(VENV)/bin
 export OMP_NUM_THREADS ?= 2
 
@@ -24,8 +25,9 @@ setup: $(BIN)/.ready  ## a virtual environment with everything in it
 run: setup  ## data, benchmark, bytes, driving, a short training; leaves output/tour/index.html
 	$(BIN)/python tools/tour.py --train_minutes $(MINUTES)
 
-test: setup  ## the daily tests
-	$(BIN)/python -m pytest
+# One thread for each of the processes; a file's tests stay together, because they share what they made.
+test: setup  ## the daily tests, in JOBS processes (default: 2; 0: in this one)
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(JOBS) --dist loadfile
 
 test-slow: setup  ## the tests on demand
 	$(BIN)/python -m pytest -m slow
@@ -34,7 +36,7 @@ lint: setup  ## ruff
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
-typecheck: setup  ## mypy on structures, link, evaluation and datasets
+typecheck: setup  ## mypy on structures, link, evaluation, datasets and deploy
 	$(BIN)/mypy
 
 # The variable silences the end-of-life notice of mkdocs-material, which is no warning about these pages.

@@ -25,6 +25,7 @@ from pcdet_avp.closed_loop.sweep.numbers import finite_mean
 from pcdet_avp.closed_loop.sweep.sweep import run_sweep
 from pcdet_avp.evaluation.benchmark_table import markdown_table
 from pcdet_avp.files import write_json, write_text
+from pcdet_avp.runtime_arguments import add_runtime_arguments
 
 LOOP_FILE = Path(__file__).resolve().parents[1] / "cfgs" / "closed_loop.yaml"
 HEAD = ["setting", "vehicle+roadside", "m/s", "crashes", "95 %", "first detection", "mean speed", "age of maps"]
@@ -33,6 +34,7 @@ HEAD = ["setting", "vehicle+roadside", "m/s", "crashes", "95 %", "first detectio
 def parse_arguments() -> argparse.Namespace:
     parser = config_parser("Crashes under block loss and delay.", weights=True)
     parser.add_argument("--ckpt", required=True, help="trained weights")
+    add_runtime_arguments(parser)
     parser.add_argument("--use_amp", action="store_true", help="compute in bf16")
     parser.add_argument("--scenario", default="t_junction")
     parser.add_argument("--combos", default="C+CL", help="names between commas")

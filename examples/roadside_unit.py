@@ -3,33 +3,33 @@
     python examples/vehicle.py       --cfg cfgs/avp/cp_small.yaml --ckpt weights/cp_small.pth          first, and in
     python examples/roadside_unit.py --cfg cfgs/avp/cp_small.yaml --ckpt weights/cp_small.pth          another terminal
 
+With ``--runtime onnxruntime --exported DIR`` (or openvino) in place of ``--ckpt`` no torch is needed: docs/deploy.md.
 The sensors are a recording: the first frames of a data set's split, over and over. The vehicle replays the same ones.
 Where encoding takes longer than a tick, ticks are left out, and the rate that is printed says so.
 
-A site with several units runs one process for each, every one with a number of its own: ``--unit 0``, ``--unit 1``. The
-recording has one roadside unit; a further one replays the same view unless it is given a data set of its own
-(``--set DATA_CONFIG.DATA_PATH DIR``).
+A site with several units runs one process for each, every one with a number of its own: ``--unit 0``, ``--unit 1``. All
+replay the first roadside unit of the records, unless they are given another one
+(``--set DATA_CONFIG.ROADSIDE_UNIT NAME``) or a data set of their own (``--set DATA_CONFIG.DATA_PATH DIR``).
 """
 
 from __future__ import annotations
 
 import argparse
-import logging
 import signal
 import socket
 import time
+from pathlib import Path
 
 from pcdet_avp.argument_types import non_negative_int, path, positive_float, positive_int
 from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
-from pcdet_avp.datasets import build_dataset
-from pcdet_avp.datasets.avp.collate import collate, load_batch
-from pcdet_avp.datasets.avp.prepare import prepare
-from pcdet_avp.engine import distributed
-from pcdet_avp.engine.testing.run import load_network
+from pcdet_avp.datasets.avp.frames import find_frames
+from pcdet_avp.datasets.avp.prepare import PrepareConfig, prepare
+from pcdet_avp.datasets.avp.record import read_frame
+from pcdet_avp.engine.halves import Roadside, open_roadside
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.link import NrV2xConfig
 from pcdet_avp.link.header import MAX_SENDERS
-from pcdet_avp.models.detectors.split_inference import RoadsideHalf
+from pcdet_avp.runtime_arguments import add_runtime_arguments, check_runtime_arguments
 from pcdet_avp.structures.frame import Frame
 from pcdet_avp.structures.sensor_set import SensorSet
 
@@ -38,7 +38,8 @@ SENSORS = SensorSet(False, False, True, True)
 
 def parse_arguments() -> argparse.Namespace:
     parser = config_parser("Encode and send roadside maps.", weights=True)
-    parser.add_argument("--ckpt", type=path, required=True, help="checkpoint")
+    parser.add_argument("--ckpt", type=path, help="checkpoint, for --runtime torch")
+    add_runtime_arguments(parser)
     parser.add_argument("--unit", type=non_negative_int, default=0, help="number at the site, 0 to 65535 (default: 0)")
     parser.add_argument("--to", default="127.0.0.1:47020", metavar="HOST:PORT", help="where the vehicle listens")
     parser.add_argument("--seconds", type=positive_float, default=10.0, help="how long to send")
@@ -57,23 +58,24 @@ def address(text: str) -> tuple[str, int]:
     return host, int(port)
 
 
-def recording(dataset, frames: int, sensors: SensorSet, device) -> list[tuple[dict, Frame]]:
-    """The first frames of a split, each also as the batch of one that these sensors make."""
-    if frames < 1:
-        raise ConfigError(f"--frames: expected 1 or more, found {frames}")
-    read = [dataset.read(index, sensors) for index in range(min(frames, len(dataset)))]
-    return [(load_batch(collate([prepare(f, sensors, dataset.prepare_config)]), device), f) for f in read]
+def recording(cfg, split: str, frames: int, sensors: SensorSet) -> list[tuple[dict, Frame]]:
+    """The first frames of a split, each also as the sample that these sensors make."""
+    root, how = Path(cfg.DATA_CONFIG.DATA_PATH), PrepareConfig.from_config(cfg.DATA_CONFIG, cfg.CLASS_NAMES)
+    ids = find_frames(root, cfg.DATA_CONFIG, cfg.CLASS_NAMES, split)[:frames]
+    unit = cfg.DATA_CONFIG.get("ROADSIDE_UNIT")
+    read = [read_frame(root, frame_id, sensors.sources, unit=unit) for frame_id in ids]
+    return [(prepare(frame, sensors, how), frame) for frame in read]
 
 
-def send(half: RoadsideHalf, frames: list[tuple[dict, Frame]], args: argparse.Namespace) -> None:
+def send(half: Roadside, frames: list[tuple[dict, Frame]], args: argparse.Namespace) -> None:
     """One map of each modality a tick. A frame's number is that of its tick since 1970, so that it never falls back."""
     receiver, ticks, total, first_s = address(args.to), 0, 0, time.time()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         while (now_s := time.time()) < first_s + args.seconds:
             tick = int(now_s * args.rate)
-            batch_dict, frame = frames[tick % len(frames)]
+            sample, frame = frames[tick % len(frames)]
             pose = frame.infra.world_from_agent
-            sent = half.segments(batch_dict, tick % (1 << 32), int(1e6 * now_s), pose, args.unit)
+            sent = half.segments(sample, tick % (1 << 32), int(1e6 * now_s), pose, args.unit)
             for payloads in sent.values():
                 for payload in payloads:
                     total += sender.sendto(payload, receiver)
@@ -90,11 +92,10 @@ def main() -> None:
     if args.unit >= MAX_SENDERS:
         raise ConfigError(f"--unit: expected a number below {MAX_SENDERS}, found {args.unit}")
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    cfg, ranks = load_arguments_config(args), distributed.start(device="cpu")
-    dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split=args.split)
-    model, _ = load_network(cfg, args.ckpt, dataset, ranks, logging.getLogger("roadside"))
-    half = RoadsideHalf(model, NrV2xConfig().max_segment_bytes, args.budget)
-    frames = recording(dataset, args.frames, SENSORS, ranks.device)
+    check_runtime_arguments(args)
+    cfg = load_arguments_config(args)
+    frames = recording(cfg, args.split, args.frames, SENSORS)
+    half = open_roadside(args, cfg, NrV2xConfig().max_segment_bytes, args.budget)
     half.segments(frames[0][0], 0, 0, frames[0][1].infra.world_from_agent)  # the first call compiles
     print(
         f"unit {args.unit}: sending {len(frames)} frames of {args.split} to {args.to} for {args.seconds:g} s",

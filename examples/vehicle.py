@@ -4,14 +4,13 @@
     python examples/roadside_unit.py --cfg cfgs/avp/cp_small.yaml --ckpt weights/cp_small.pth          another terminal
 
 ``--drop 0.1`` throws away a tenth of the segments, as a bad radio would. The vehicle's own sensors are the recording
-that the roadside replays, too; the clocks must agree, as on one machine. All roadside units that send here are used,
-each as long as its maps are young; ``--unit 0 2`` uses only those two.
+that the roadside replays, too; the clocks must agree, as on one machine. Any --runtime understands any other's maps.
+All roadside units that send here are used, each as long as its maps are young; ``--unit 0 2`` uses only those two.
 """
 
 from __future__ import annotations
 
 import argparse
-import logging
 import select
 import signal
 import socket
@@ -23,12 +22,10 @@ from roadside_unit import address, recording
 
 from pcdet_avp.argument_types import non_negative_float, non_negative_int, path, positive_float, positive_int, share
 from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
-from pcdet_avp.datasets import build_dataset
-from pcdet_avp.engine import distributed
-from pcdet_avp.engine.testing.run import load_network
+from pcdet_avp.engine.halves import Vehicle, open_vehicle
 from pcdet_avp.errors import ConfigError, LinkError
 from pcdet_avp.link import LatentMap, Receiver
-from pcdet_avp.models.detectors.split_inference import VehicleHalf
+from pcdet_avp.runtime_arguments import add_runtime_arguments, check_runtime_arguments
 from pcdet_avp.structures.frame import Frame
 from pcdet_avp.structures.sensor_set import SensorSet
 
@@ -38,7 +35,8 @@ TICK_S, PAUSE_S = 0.05, 0.005
 
 def parse_arguments() -> argparse.Namespace:
     parser = config_parser("Receive roadside maps and fuse them with the vehicle's own.", weights=True)
-    parser.add_argument("--ckpt", type=path, required=True, help="checkpoint")
+    parser.add_argument("--ckpt", type=path, help="checkpoint, for --runtime torch")
+    add_runtime_arguments(parser)
     parser.add_argument("--listen", default="127.0.0.1:47020", metavar="HOST:PORT")
     parser.add_argument("--seconds", type=positive_float, default=10.0, help="how long to drive after the first map")
     parser.add_argument("--wait", type=non_negative_float, default=60.0, help="how long to wait for the first map (s)")
@@ -103,7 +101,7 @@ def newest_maps(receiver: Receiver, units: Collection[int] | None = None) -> lis
     return [known for maps in newest.values() for known in maps if known.stamp.frame_id == latest[known.stamp.sender]]
 
 
-def drive(half: VehicleHalf, frames: list[tuple[dict, Frame]], receiving: socket.socket, args) -> Report:
+def drive(half: Vehicle, frames: list[tuple[dict, Frame]], receiving: socket.socket, args) -> Report:
     """Fuse and print until the time is over; the report of all of it."""
     receiver, rng = Receiver(half.shape, int(1e6 * args.max_age)), np.random.default_rng(0)
     wait_until_s, until_s, last_frame = time.monotonic() + args.wait, None, -1
@@ -120,8 +118,8 @@ def drive(half: VehicleHalf, frames: list[tuple[dict, Frame]], receiving: socket
             if until_s is None:
                 until_s, whole, second = time.monotonic() + args.seconds, Report(), Report()
             last_frame = newest_frame
-            batch_dict, frame = frames[last_frame % len(frames)]
-            boxes = len(half.detect(batch_dict, frame.ego.world_from_agent, maps)["pred_boxes"])
+            sample, frame = frames[last_frame % len(frames)]
+            boxes = len(half.detect(sample, frame.ego.world_from_agent, maps)["pred_boxes"])
             whole.add(maps, boxes)
             second.add(maps, boxes)
         if until_s is not None and time.time() - second.began_s >= 1.0:
@@ -149,16 +147,15 @@ def main() -> None:
     if not 0 <= args.drop <= 1:
         raise ConfigError(f"--drop: expected a share of 0 to 1, found {args.drop}")
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    cfg, ranks = load_arguments_config(args), distributed.start(device="cpu")
+    check_runtime_arguments(args)
+    cfg = load_arguments_config(args)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiving:
         try:
             receiving.bind(address(args.listen))
         except OSError as error:
             raise LinkError(f"--listen {args.listen}: cannot be bound ({error.strerror})") from error
-        dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split=args.split)
-        model, _ = load_network(cfg, args.ckpt, dataset, ranks, logging.getLogger("vehicle"))
-        sensors = SensorSet.parse(f"{args.vehicle}+none")
-        half, frames = VehicleHalf(model), recording(dataset, args.frames, sensors, ranks.device)
+        frames = recording(cfg, args.split, args.frames, SensorSet.parse(f"{args.vehicle}+none"))
+        half = open_vehicle(args, cfg)
         half.detect(frames[0][0], frames[0][1].ego.world_from_agent, [])  # the first call compiles
         print(f"listening on {args.listen}", flush=True)
         print("all: " + drive(half, frames, receiving, args).line().strip())

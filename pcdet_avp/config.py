@@ -28,6 +28,7 @@ from pcdet_avp.errors import ConfigError
 
 BASE_KEY = "_BASE_CONFIG_"
 PATH_KEYS = ("DATA_PATH",)  # values that say where something lies, not what it is
+UNSET_KEYS = ("ROADSIDE_UNIT",)  # keys of later versions, whose null means what earlier ones did without them
 
 
 class _Loader(yaml.SafeLoader):
@@ -235,7 +236,8 @@ def config_hash(cfg: dict) -> str:
 def _reduced(value: Any, key: str = "") -> Any:
     if isinstance(value, dict):
         value = without_defaults(value) if key == "GENERATE" else value
-        return {k: _reduced(v, k) for k, v in value.items() if k not in PATH_KEYS}
+        unset = {k for k in UNSET_KEYS if value.get(k) is None}
+        return {k: _reduced(v, k) for k, v in value.items() if k not in PATH_KEYS and k not in unset}
     if isinstance(value, list | tuple):
         return [_reduced(v) for v in value]
     return value

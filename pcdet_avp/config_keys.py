@@ -88,6 +88,7 @@ DATA = {
     "IMAGE_SHAPE": COUNT.list_of(2),
     "DEPTH_DOWNSAMPLE": COUNT,
     **{f"ROADSIDE_UNITS.*.{key}": rule for key, rule in ROADSIDE_UNIT.items()},
+    "ROADSIDE_UNIT": TEXT.or_null(),
     "DATA_SPLIT.train": TEXT,
     "DATA_SPLIT.test": TEXT,
     "SENSOR_SET": TEXT,

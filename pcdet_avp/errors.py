@@ -54,3 +54,7 @@ class LinkError(AvpError):
 
 class PluginError(AvpError):
     """OpenPCDet or MMEngine is absent or not as expected there, or a name that one of our classes needs is taken."""
+
+
+class ExportError(AvpError):
+    """A network cannot be exported, or an exported one is missing, damaged, or nothing here can run it."""

@@ -16,12 +16,11 @@ from tqdm import tqdm
 
 from pcdet_avp.config import plain, require
 from pcdet_avp.config_scenes import scene_config
-from pcdet_avp.datasets.avp.layout import PARTIAL_SUFFIX
-from pcdet_avp.datasets.avp.made_by import check_made_by, complete
-from pcdet_avp.datasets.avp.manifest import MANIFEST_FILE, Manifest, Scene, read_manifest, write_manifest
-from pcdet_avp.datasets.avp.record import clean_leftovers, has_frame, read_frame, write_frame
+from pcdet_avp.datasets.avp.claim import claim
+from pcdet_avp.datasets.avp.manifest import Manifest, Scene, write_manifest
+from pcdet_avp.datasets.avp.record import has_frame, read_frame, write_frame
 from pcdet_avp.datasets.avp.splits import TEST_SHARE, VAL_SHARE, assign_splits
-from pcdet_avp.errors import ConfigError, RecordError
+from pcdet_avp.errors import ConfigError
 from pcdet_avp.parallel import run_tasks
 from pcdet_avp.sim.rig import Rig, capture
 from pcdet_avp.sim.scenarios.training_scene import draw_training_scene
@@ -55,7 +54,7 @@ def generate(
     cannot be written, ConfigError where the configuration is incomplete.
     """
     manifest = plan(data_cfg, frames, seed)
-    _claim(root, manifest)
+    claim(root, manifest)
     jobs = [
         SceneJob(str(root), number, scene, manifest.seed, manifest.generator)
         for number, scene in enumerate(manifest.scenes)
@@ -115,37 +114,6 @@ def split_shares(settings: Mapping) -> tuple[float, float]:
                 f"DATA_CONFIG.GENERATE.SPLIT.{name}: expected a share of at least 0 and below 1, found {share!r}"
             )
     return float(shares["test"]), float(shares["val"])
-
-
-def _claim(root: Path, manifest: Manifest) -> None:
-    """Write the manifest, unless another data set lies there already; clear what a killed run left behind."""
-    if (root / MANIFEST_FILE).exists():
-        found = read_manifest(root)
-        check_made_by(found, manifest.generator, root)
-        held, ours = (replace(each, generator=complete(each.generator)) for each in (found, manifest))
-        for name in ("seed", "generator", "scenes", "package_version"):
-            if getattr(held, name) != getattr(ours, name):
-                raise RecordError(
-                    f"{root / MANIFEST_FILE}: holds a data set with another {name}; choose another folder or remove it"
-                )
-    else:
-        _refuse_foreign(root)
-    write_manifest(root, manifest)
-    clean_leftovers(root)
-
-
-def _refuse_foreign(root: Path) -> None:
-    """RecordError if the folder holds something else: nothing is written there."""
-    if root.exists() and not root.is_dir():
-        raise RecordError(f"{root}: expected the folder of a data set, found a file")
-    partial = f".{MANIFEST_FILE}{PARTIAL_SUFFIX}"  # all that a run that was killed at once leaves
-    held = sorted(entry.name for entry in root.iterdir() if entry.name != partial) if root.exists() else []
-    if held:
-        raise RecordError(
-            f"{root / MANIFEST_FILE}: missing, but the folder holds {', '.join(held[:3])}"
-            f"{' ...' if len(held) > 3 else ''}: no data are made here. If it is a recording, its {MANIFEST_FILE} is "
-            "needed; otherwise name another folder"
-        )
 
 
 def make_scene(job: SceneJob) -> int:

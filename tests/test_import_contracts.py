@@ -21,7 +21,7 @@ def modules_of(floor):
         return ["pcdet_avp"]
     root = PACKAGE / floor
     if root.with_suffix(".py").exists():
-        return [f"pcdet_avp.{floor}"]
+        return [f"pcdet_avp.{floor.replace('/', '.')}"]
     found = pkgutil.walk_packages([str(root)], prefix=f"pcdet_avp.{floor}.")
     return [f"pcdet_avp.{floor}", *(module.name for module in found)]
 
@@ -43,22 +43,43 @@ def test_importing_the_package_costs_nothing():
         assert heavy not in loaded, f"import pcdet_avp pulls in {heavy}"
 
 
-@pytest.mark.parametrize("floor", ["structures", "sim", "link", "evaluation", "visualization"])
-def test_numpy_floors_never_import_torch(floor):
-    loaded = loaded_after(floor)
-    assert "torch" not in loaded, f"pcdet_avp.{floor} must do without torch"
+# One interpreter for the floors of a rule: what none of them loads together, none loads alone.
+NUMPY_FLOORS = ("structures", "sim", "link", "evaluation", "visualization", "deploy")
+LOWER_FLOORS = ("structures", "link", "evaluation")
+NETWORK_FLOORS = ("models", "datasets", "engine", "openpcdet", "bandwidth", "plugin")
 
 
-@pytest.mark.parametrize("floor", ["models", "datasets", "engine", "openpcdet", "bandwidth", "plugin"])
-def test_network_and_data_set_never_see_the_simulator(floor):
-    loaded = loaded_after(floor)
-    reached = sorted(name for name in loaded if name.startswith("pcdet_avp.sim"))
-    assert not reached, f"pcdet_avp.{floor} must not import the simulator, but loads {reached}"
+def test_numpy_floors_never_import_torch():
+    assert "torch" not in loaded_after(*NUMPY_FLOORS), f"pcdet_avp.{', '.join(NUMPY_FLOORS)} must do without torch"
 
 
-@pytest.mark.parametrize("floor", ["structures", "link", "evaluation"])
-def test_lower_floors_do_not_look_up(floor):
-    loaded = loaded_after(floor)
+OPENING_FLOORS = (
+    "models.export.opened",
+    "datasets.avp.frames",
+    "datasets.avp.prepare",
+    "engine.halves",
+    "runtime_arguments",
+)
+
+
+def test_a_computer_without_torch_can_open_an_exported_network():
+    assert "torch" not in loaded_after(*(module.replace(".", "/") for module in OPENING_FLOORS))
+
+
+def test_an_exported_network_needs_the_floors_below_alone():
+    ours = {name for name in loaded_after("deploy") if name.startswith("pcdet_avp.")}
+    allowed = ("pcdet_avp.deploy", "pcdet_avp.link", "pcdet_avp.structures", "pcdet_avp.errors")
+    assert not [name for name in ours if not name.startswith(allowed)]
+    assert not {"onnxruntime", "openvino", "onnx"} & loaded_after("deploy")  # until one of them is asked for
+
+
+def test_network_and_data_set_never_see_the_simulator():
+    reached = sorted(name for name in loaded_after(*NETWORK_FLOORS) if name.startswith("pcdet_avp.sim"))
+    assert not reached, f"pcdet_avp.{', '.join(NETWORK_FLOORS)} must not import the simulator, but load {reached}"
+
+
+def test_lower_floors_do_not_look_up():
+    loaded = loaded_after(*LOWER_FLOORS)
     above = tuple(
         f"pcdet_avp.{name}"
         for name in (
@@ -71,18 +92,16 @@ def test_lower_floors_do_not_look_up(floor):
             "openpcdet",
             "bandwidth",
             "commands",
+            "deploy",
         )
     )
     reached = sorted(name for name in loaded if name.startswith(above))
-    assert not reached, f"pcdet_avp.{floor} must not import {reached}"
+    assert not reached, f"pcdet_avp.{', '.join(LOWER_FLOORS)} must not import {reached}"
 
 
-@pytest.mark.parametrize(
-    "floor",
-    ["models", "datasets", "engine", "openpcdet", "bandwidth", "plugin", "structures", "sim", "link", "evaluation"],
-)
-def test_no_optional_framework_is_needed(floor):
-    loaded = loaded_after(floor)
+@pytest.mark.parametrize("floors", [NETWORK_FLOORS, NUMPY_FLOORS], ids=["network", "numpy"])
+def test_no_optional_framework_is_needed(floors):
+    loaded = loaded_after(*floors)
     for framework in ("pcdet", "spconv", "mmengine", "mmdet3d", "carla"):
         assert framework not in loaded
 

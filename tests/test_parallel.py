@@ -7,6 +7,7 @@ import time
 
 import dask
 import pytest
+from distributed import LocalCluster
 
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.parallel import run_tasks, task_pool
@@ -42,14 +43,31 @@ def test_the_first_error_is_raised_and_the_rest_is_given_up(tmp_path):
         (tmp_path / str(job)).touch()
 
     with pytest.raises(ConfigError, match="no"):
-        list(run_tasks(leave_a_file, range(40), workers=2))
-    assert len(list(tmp_path.iterdir())) < 20
+        list(run_tasks(leave_a_file, range(400), workers=2))
+    assert len(list(tmp_path.iterdir())) < 200  # of 40 s of work
 
 
 def test_no_job_needs_no_cluster_but_a_worker_there_must_be():
     assert list(run_tasks(print, [])) == []
     with pytest.raises(ConfigError, match="workers"):
         list(run_tasks(print, [], workers=0))
+
+
+def test_a_running_cluster_that_loses_a_worker_does_its_job_again(tmp_path):
+    """The worker kills itself in the middle of a job, once; every job ends with one result all the same."""
+
+    def die_once(job):
+        folder, number = job
+        if number == 3 and not (folder / "died").exists():
+            (folder / "died").touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return number
+
+    settings = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0", "memory_limit": 0}
+    with LocalCluster(**settings) as cluster:
+        found = list(run_tasks(die_once, [(tmp_path, n) for n in range(8)], scheduler=cluster.scheduler_address))
+    assert sorted(found) == list(range(8))
+    assert (tmp_path / "died").exists()
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 from pcdet_avp import provenance
 from pcdet_avp.config import config_hash
@@ -20,6 +21,14 @@ def test_a_result_says_all_that_is_needed_to_make_it_again(monkeypatch):
     assert meta["wall_time_s"] > 1e9
     assert {"python", "pcdet_avp", "torch", "numpy"} <= set(meta["versions"])
     json.dumps(meta, allow_nan=False)
+
+
+def test_a_console_script_is_named_without_its_folder(monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["/home/me/env/bin/avp-test", "--cfg", "c.yaml"])
+    assert provenance.command() == "avp-test --cfg c.yaml"
+    monkeypatch.setattr(sys.modules["__main__"], "__spec__", SimpleNamespace(name="pcdet_avp.commands.test"))
+    monkeypatch.setattr(sys, "argv", ["/home/me/env/lib/pcdet_avp/commands/test.py", "--wire"])
+    assert provenance.command() == f"{Path(sys.executable).name} -m pcdet_avp.commands.test --wire"
 
 
 def test_the_commit_is_the_packages_wherever_one_stands(monkeypatch, tmp_path):

@@ -10,6 +10,7 @@ from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
 from pcdet_avp.closed_loop.policy import target_speed
 from pcdet_avp.sim.scenarios.junction_map import JunctionMap
 from pcdet_avp.sim.scenarios.scenario import Scenario
+from pcdet_avp.sim.trajectories import Path
 from pcdet_avp.structures.boxes import transform_boxes
 from pcdet_avp.structures.ego import overlaps_ego
 from pcdet_avp.structures.pose import Pose
@@ -19,14 +20,21 @@ class Driver:
     """Decides by the detections of the newest tick and of ``hold_ticks`` before it, where they were found (world)."""
 
     def __init__(
-        self, cruising_mps: float, junction: JunctionMap | None, hold_ticks: int = 0, from_bumper: bool = True
+        self,
+        cruising_mps: float,
+        junction: JunctionMap | None,
+        hold_ticks: int = 0,
+        from_bumper: bool = True,
+        path: Path | None = None,
     ) -> None:
         self._cruising_mps, self._junction, self._from_bumper = cruising_mps, junction, from_bumper
+        self._path = path
         self._held: deque[tuple[np.ndarray, np.ndarray]] = deque(maxlen=hold_ticks + 1)
 
     @classmethod
     def for_episode(cls, scenario: Scenario, settings: EpisodeSettings) -> Driver:
-        return cls(scenario.cruising_mps, scenario.junction, settings.hold_ticks, settings.from_bumper)
+        how = settings.hold_ticks, settings.from_bumper, scenario.ego_path
+        return cls(scenario.cruising_mps, scenario.junction, *how)
 
     def decide(self, boxes: np.ndarray, names: np.ndarray, world_from_ego: Pose) -> float:
         """v* in m/s for new detections (N, 7), names (N,) in the ego frame; those that overlap the ego are dropped."""
@@ -50,5 +58,5 @@ class Driver:
         heeded = self.heeds(boxes, names, world_from_ego)
         pedestrians, vehicles = boxes[heeded & (names == "Pedestrian")], boxes[heeded & (names == "Car")]
         return target_speed(
-            pedestrians, vehicles, self._cruising_mps, world_from_ego, self._junction, self._from_bumper
+            pedestrians, vehicles, self._cruising_mps, world_from_ego, self._junction, self._from_bumper, self._path
         )

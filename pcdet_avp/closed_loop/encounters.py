@@ -64,14 +64,15 @@ class Encounters:
         """Distances and times to collision (N,) of the ego from threats at the start of a ride."""
         motions = [actor.trajectory.at(start_s) for actor in threats]
         boxes = [floor_box(motion, actor.spec.size) for motion, actor in zip(motions, threats, strict=True)]
-        velocity = [(m.speed * np.cos(m.yaw) - ride.speeds[0], m.speed * np.sin(m.yaw)) for m in motions]
+        own = ride.speeds[0] * _direction(self._scenario.ego_pose(ride.positions[0])[2])
+        velocity = [m.speed * _direction(m.yaw) - own for m in motions]
         boxes = np.reshape(boxes, (-1, 7))
-        egos = np.broadcast_to(ego_box(ride.positions[0], self._scenario.layout.lane_y), boxes.shape)
+        egos = np.broadcast_to(ego_box(self._scenario.ego_pose(ride.positions[0])), boxes.shape)
         return separation(egos, boxes), time_to_collision(egos, boxes, np.reshape(velocity, (-1, 2)))
 
     def _state_after(self, ride: Drive, start_s: float, near: Sequence[Actor]) -> LongitudinalState:
         """The ego's state at the end of a ride in which it may meet those near, or at the crash."""
-        for contact, actor in contacts(ride, start_s, self._scenario.layout.lane_y, near) if near else ():
+        for contact, actor in contacts(ride, start_s, self._scenario, near) if near else ():
             state = state_at(ride, contact.time_s - start_s)
             self._meet(contact, actor, state.speed)
             if self.crashed:
@@ -91,18 +92,28 @@ class Encounters:
             self.contact, self.met, self.impact_speed_mps = contact, actor.object_id, speed
 
 
-def ego_box(x: float, lane_y: float) -> np.ndarray:
-    """(7,) in the world frame, of an ego whose centre is at x."""
+def _direction(yaw: float) -> np.ndarray:
+    """(2,) unit vector."""
+    return np.array([np.cos(yaw), np.sin(yaw)])
+
+
+def ego_box(pose: tuple[float, float, float]) -> np.ndarray:
+    """(7,) in the world frame, of an ego frame at x, y, yaw."""
     length, width, height = EGO_SPEC.size
-    return np.array([x, lane_y, height / 2, length, width, height, 0.0])
+    return np.array([pose[0], pose[1], height / 2, length, width, height, pose[2]])
 
 
-def contacts(ride: Drive, start_s: float, lane_y: float, others: Sequence[Actor]) -> list[tuple[Contact, Actor]]:
+def contacts(ride: Drive, start_s: float, scenario: Scenario, others: Sequence[Actor]) -> list[tuple[Contact, Actor]]:
     """First touches, in order of time; ``start_s`` is when the ride began, so contact times are the world's."""
     moments = _moments(ride)
-    times, egos = start_s + ride.times[moments], np.array([ego_box(x, lane_y) for x in ride.positions[moments]])
+    times, egos = start_s + ride.times[moments], _ego_boxes(scenario, ride.positions[moments])
     found = [(first_contact(times, egos, np.array([box_at(other, t) for t in times])), other) for other in others]
     return sorted(((contact, other) for contact, other in found if contact), key=lambda met: met[0].time_s)
+
+
+def _ego_boxes(scenario: Scenario, ways: np.ndarray) -> np.ndarray:
+    """(T, 7) of an ego after ways (T,)."""
+    return np.array([ego_box(scenario.ego_pose(way)) for way in ways])
 
 
 def _moments(ride: Drive) -> np.ndarray:

@@ -14,6 +14,8 @@ from pcdet_avp.closed_loop.encounters import Encounters
 from pcdet_avp.closed_loop.episode_log import EpisodeFigures, EpisodeLog
 from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
 from pcdet_avp.closed_loop.measurements import Measurements
+from pcdet_avp.closed_loop.measures.motions import EgoMotion
+from pcdet_avp.closed_loop.measures.safety_measures import SafetyMeasures, safety_measures
 from pcdet_avp.closed_loop.perception.perceiver import Message, Perceived, Perceiver
 from pcdet_avp.sim.dynamics import Drive, LongitudinalState, drive
 from pcdet_avp.sim.scenarios.scenario import Scenario
@@ -65,7 +67,7 @@ class Episode:
 
     @property
     def front_x(self) -> float:
-        """The x of the front bumper, metres, world frame."""
+        """The x of the front bumper, metres, world frame; on a path, its way (see ``Scenario``)."""
         return self.state.position + BUMPER_X_M
 
     @property
@@ -126,7 +128,7 @@ class Episode:
         self.state = self._meet(ride) if self._near else ride.end
         if not self.crashed:
             self._world.advance_to((self._tick + 1) * self.settings.tick_s)
-            self._world.set_ego(self.state.position, self.scenario.layout.lane_y, 0.0)
+            self._world.set_ego(*self.scenario.ego_pose(self.state.position))
         self._tick += 1
 
     def _meet(self, ride: Drive) -> LongitudinalState:
@@ -140,6 +142,7 @@ class Episode:
         times, positions, speeds, accelerations, targets = np.array(self._rows).T
         return EpisodeLog(
             figures=self._figures(),
+            measures=self._safety_measures(),
             crash_object=self._encounters.met,
             times=times,
             positions=positions,
@@ -149,6 +152,19 @@ class Episode:
             perceived=tuple(self._perceived),
             messages=tuple(self._messages),
         )
+
+    def _safety_measures(self) -> SafetyMeasures:
+        """Measured at every tick and at the end."""
+        rows = np.array([row[:4] for row in self._rows])
+        end_s = self._encounters.contact.time_s if self.crashed else self.time_s
+        last = end_s, self.state.position, self.state.speed, self.state.acceleration
+        times, driven, speeds, accelerations = np.vstack([rows, last]).T
+        poses = np.array([self.scenario.ego_pose(way) for way in driven])
+        near = driven + BUMPER_X_M > self.scenario.first_x - self.settings.wake_m
+        ego = EgoMotion(times, driven, speeds, accelerations, poses, self.scenario.ego_path)
+        threats = [self._world.actor(threat.object_id) for threat in self.scenario.threats]
+        touched = self._encounters.contact is not None
+        return safety_measures(ego, threats, self.scenario.cruising_mps, near, self.settings.dynamics, touched)
 
     def _figures(self) -> EpisodeFigures:
         contact = self._encounters.contact

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pcdet_avp.closed_loop.measures.safety_measures import SafetyMeasures
 from pcdet_avp.closed_loop.perception.perceiver import Message, Perceived
 
 OUTCOMES = ("none", "front", "side")
@@ -44,6 +45,7 @@ class EpisodeLog:
     """
 
     figures: EpisodeFigures
+    measures: SafetyMeasures
     crash_object: int | None  # object id of the road user that was met
     times: np.ndarray
     positions: np.ndarray

@@ -16,6 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from pcdet_avp.sim.scenarios.junction_map import JunctionMap
+from pcdet_avp.sim.trajectories import Path
 from pcdet_avp.structures.boxes import bev_corners, transform_boxes
 from pcdet_avp.structures.ego import BUMPER_X_M
 from pcdet_avp.structures.pose import Pose
@@ -37,16 +38,42 @@ def pedestrian_distances(boxes: np.ndarray, from_bumper: bool = True) -> tuple[n
     ``from_bumper`` False measures dx_l from the ego's centre instead, as the paper may have done; what lies behind
     the bumper is ignored all the same.
     """
-    corners = bev_corners(boxes)
+    return _distances(bev_corners(boxes), from_bumper)
+
+
+def distances_along(
+    boxes: np.ndarray, map_from_ego: Pose, path: Path, from_bumper: bool = True
+) -> tuple[np.ndarray, np.ndarray]:
+    """The same, measured along the swath of an ego that follows a path (map frame) instead of straight ahead.
+
+    Every corner of a box is projected onto the path; on a straight one nothing changes.
+    """
+    corners = bev_corners(transform_boxes(map_from_ego, boxes))
+    way = path.project(map_from_ego.translation[None, :2])[0, 0]
+    return _distances(path.project(corners) - np.array([way, 0.0]), from_bumper)
+
+
+def _distances(corners: np.ndarray, from_bumper: bool) -> tuple[np.ndarray, np.ndarray]:
+    """dx_l and dx_h (N,) of corners (N, 4, 2), along and to the left of the ego's way from its centre."""
     near, far = corners[..., 0].min(1), corners[..., 0].max(1)
     right, left = corners[..., 1].min(1), corners[..., 1].max(1)
     ahead = near - BUMPER_X_M if from_bumper else near
     return np.where(far > BUMPER_X_M, ahead, np.inf), np.maximum(np.maximum(right, -left), 0.0)
 
 
-def pedestrians_target_speed(boxes: np.ndarray, cruising_mps: float, from_bumper: bool = True) -> float:
-    """v* in m/s for pedestrians (N, 7) in the ego frame."""
-    return float(target_speed_law(*pedestrian_distances(boxes, from_bumper), cruising_mps).min(initial=cruising_mps))
+def pedestrians_target_speed(
+    boxes: np.ndarray,
+    cruising_mps: float,
+    from_bumper: bool = True,
+    map_from_ego: Pose | None = None,
+    path: Path | None = None,
+) -> float:
+    """v* in m/s for pedestrians (N, 7) in the ego frame; with a ``path`` (map frame) of an ego that follows it."""
+    if path is None or map_from_ego is None:
+        distances = pedestrian_distances(boxes, from_bumper)
+    else:
+        distances = distances_along(boxes, map_from_ego, path, from_bumper)
+    return float(target_speed_law(*distances, cruising_mps).min(initial=cruising_mps))
 
 
 def junction_target_speed(vehicles: np.ndarray, front_x: float, junction: JunctionMap, cruising_mps: float) -> float:
@@ -68,9 +95,13 @@ def target_speed(
     map_from_ego: Pose,
     junction: JunctionMap | None = None,
     from_bumper: bool = True,
+    path: Path | None = None,
 ) -> float:
-    """v* in m/s for detected pedestrians (N, 7) and vehicles (M, 7) in the ego frame; vehicles need a map."""
-    slowest = pedestrians_target_speed(pedestrians, cruising_mps, from_bumper)
+    """v* in m/s for detected pedestrians (N, 7) and vehicles (M, 7) in the ego frame; vehicles need a map.
+
+    ``path``: the ego's planned way where it is not straight ahead, in the map's frame.
+    """
+    slowest = pedestrians_target_speed(pedestrians, cruising_mps, from_bumper, map_from_ego, path)
     if junction is None:
         return slowest
     front_x = float(map_from_ego.apply(np.array([BUMPER_X_M, 0.0, 0.0]))[0])

@@ -14,7 +14,6 @@ from pcdet_avp.cli import CKPT_HELP, config_parser, load_arguments_config, run_t
 from pcdet_avp.config import require
 from pcdet_avp.datasets import build_dataset
 from pcdet_avp.datasets.avp.network_input import NetworkInput
-from pcdet_avp.datasets.avp.record import read_frame
 from pcdet_avp.datasets.avp.splits import SPLITS
 from pcdet_avp.engine import distributed
 from pcdet_avp.engine.outputs import RunFolder, choose_checkpoint, open_log
@@ -107,7 +106,7 @@ def _show_clouds(args: argparse.Namespace, cfg, ckpt: Path, ranks: distributed.R
 
 
 def _telling(dataset, count: int) -> list[str]:
-    frames = (read_frame(dataset.root_path, frame_id, sources=()) for frame_id in dataset.frame_ids)
+    frames = (dataset.read_labels(index) for index in range(len(dataset)))
     return [chosen.frame_id for chosen in telling_frames(frames, dataset.prepare_config.grid, count)]
 
 

@@ -1,7 +1,8 @@
 """``avp-safety``: how fast may the car drive? Crash tables by cruising speed and sensor combination.
 
 Writes episodes.csv, summary.json, wall_times.csv and report.md with its figures, with --video videos of telling
-episodes; the same command goes on where it stopped.
+episodes; the same command goes on where it stopped. With --certify: certificate.json, the speed up to which the crash
+rate is bounded.
 """
 
 from __future__ import annotations
@@ -13,13 +14,23 @@ from pathlib import Path
 
 from pcdet_avp.argument_types import non_negative_int, path, path_text, positive_float, positive_int
 from pcdet_avp.cli import CKPT_HELP, config_parser, run_tool
+from pcdet_avp.closed_loop.certify.arguments import (
+    add_certificate_arguments,
+    certification,
+    check_certificate_arguments,
+)
+from pcdet_avp.closed_loop.certify.certificate import CERTIFICATE, certificate, page, write_certificate
+from pcdet_avp.closed_loop.certify.climb import counted
+from pcdet_avp.closed_loop.certify.run import run_certification
 from pcdet_avp.closed_loop.perception.factory import PERCEPTIONS
+from pcdet_avp.closed_loop.perception.faults import FAULTS, MARK
 from pcdet_avp.closed_loop.perception.link_options import add_link_arguments
 from pcdet_avp.closed_loop.report.report import write_report
 from pcdet_avp.closed_loop.sweep.arguments import sweep_meta, sweep_of
 from pcdet_avp.closed_loop.sweep.summary import crash_text, summary, write_results
-from pcdet_avp.closed_loop.sweep.sweep import run_sweep
+from pcdet_avp.closed_loop.sweep.sweep import Sweep, run_sweep
 from pcdet_avp.closed_loop.video.video_sweep import write_sweep_videos
+from pcdet_avp.runtime_arguments import add_runtime_arguments
 from pcdet_avp.sim.scenarios.table import SCENARIOS
 
 SPEEDS_MPS = (3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0)
@@ -29,11 +40,13 @@ def parse_arguments() -> argparse.Namespace:
     parser = config_parser("Closed-loop safety.", default="cfgs/avp/cp_full.yaml", weights=True)
     parser.add_argument("--scenario", required=True, metavar="S", help=f"{', '.join(SCENARIOS)}, or module:name")
     parser.add_argument("--perception", required=True, metavar="P", help=f"{', '.join(PERCEPTIONS)}, or module:name")
+    parser.add_argument("--fault", choices=FAULTS, metavar="F", help=f"a single fault: {', '.join(FAULTS)}")
     parser.add_argument("--ckpt", type=path_text, help=f"for --perception model: {CKPT_HELP}")
+    add_runtime_arguments(parser)
     parser.add_argument("--use_amp", action="store_true", help="compute in bf16; a tenth faster on CPUs that have it")
     parser.add_argument("--combos", default="all", help="all, or names between commas: C+none,C+CL")
     parser.add_argument("--speeds", nargs="+", type=positive_float, default=SPEEDS_MPS, help="cruising speeds (m/s)")
-    parser.add_argument("--trials", type=positive_int, default=20, help="episodes per cell (default: 20)")
+    parser.add_argument("--trials", type=positive_int, help="episodes per cell (default: 20)")
     parser.add_argument("--seed", type=non_negative_int, default=0)
     parser.add_argument("--search", action="store_true", help="seek the edge of safety instead of filling the table")
     parser.add_argument("--workers", type=positive_int, default=2, help="processes (default: 2)")
@@ -42,13 +55,38 @@ def parse_arguments() -> argparse.Namespace:
         "--video", action="store_true", help="videos: the slowest crash, or fastest drive, of every line"
     )
     parser.add_argument("--out", type=path, help="default: output/safety_eval/SCENARIO_PERCEPTION")
+    add_certificate_arguments(parser)
     add_link_arguments(parser)
-    return parser.parse_args()
+    args = parser.parse_args()
+    check_certificate_arguments(args)
+    if args.fault:
+        args.perception += f"{MARK}{args.fault}"
+    return args
 
 
 def main() -> None:
     args, started = parse_arguments(), time.time()
     sweep = sweep_of(args, Path("cfgs", "closed_loop.yaml"))
+    if args.certify:
+        certify(args, sweep, started)
+    else:
+        fill_tables(args, sweep, started)
+
+
+def certify(args: argparse.Namespace, sweep: Sweep, started: float) -> None:
+    """Certificate, its page, and the episodes that count."""
+    out = args.out or Path("output", "certificate", f"{sweep.scenario}_{sweep.perception}")
+    asked = certification(sweep, args)
+    finished = run_certification(asked, out, args.workers, args.scheduler, args.max_minutes)
+    meta = sweep_meta(args, asked.sweep, started)
+    entries = write_certificate(out, certificate(asked, finished), meta)
+    write_results(out, counted(asked, finished), meta)
+    print("\n".join(page(entries, meta)))
+    print(f"\nwrote {out / CERTIFICATE}")
+
+
+def fill_tables(args: argparse.Namespace, sweep: Sweep, started: float) -> None:
+    """Crash tables, their report, and videos where they are asked for."""
     out = args.out or Path("output", "safety_eval", f"{sweep.scenario}_{sweep.perception}")
     finished = run_sweep(sweep, out, args.workers, args.scheduler)
     write_results(out, finished, sweep_meta(args, sweep, started))

@@ -11,6 +11,7 @@ from pathlib import Path
 from pcdet_avp.argument_types import non_negative_int, path, positive_int
 from pcdet_avp.cli import CKPT_HELP, config_parser, load_arguments_config, run_tool
 from pcdet_avp.datasets.avp.splits import SPLITS
+from pcdet_avp.deploy.runtime import TORCH
 from pcdet_avp.engine import distributed
 from pcdet_avp.engine.checkpoint import epoch_checkpoints
 from pcdet_avp.engine.outputs import RunFolder, choose_checkpoint, open_log
@@ -18,12 +19,15 @@ from pcdet_avp.engine.testing.depth_table import DepthResult, run_depth_test
 from pcdet_avp.engine.testing.detect import as_scalars, parse_combos
 from pcdet_avp.engine.testing.run import BenchmarkResult, run_test
 from pcdet_avp.engine.training.monitor import write_scalars
+from pcdet_avp.errors import ConfigError
 from pcdet_avp.models import detects_objects
+from pcdet_avp.runtime_arguments import add_runtime_arguments, check_runtime_arguments
 
 
 def parse_arguments() -> argparse.Namespace:
     parser = config_parser("Test a trained network.", weights=True)
     parser.add_argument("--ckpt", type=path, help=CKPT_HELP)
+    add_runtime_arguments(parser)
     parser.add_argument("--combos", default="all", help="all, or names between commas: C+none,C+CL")
     parser.add_argument("--wire", action="store_true", help="send every roadside map through encoded bytes")
     parser.add_argument("--split", choices=SPLITS, help="default: test; val with --eval_all and for depth errors")
@@ -45,6 +49,7 @@ def parse_arguments() -> argparse.Namespace:
 
 def main() -> None:
     args = parse_arguments()
+    check_runtime_arguments(args)
     cfg, combos = load_arguments_config(args), parse_combos(args.combos)
     ranks = distributed.start(args.launcher, args.device)
     try:
@@ -59,6 +64,8 @@ def main() -> None:
 
 
 def _checkpoints(args: argparse.Namespace, folder: RunFolder, tell: Callable[[str], None]) -> list[Path]:
+    if args.runtime != TORCH:
+        return [args.exported]
     where = args.ckpt_dir or folder.checkpoints
     if args.ckpt or not args.eval_all:
         return [choose_checkpoint(args.ckpt, args.cfg, where, tell)]
@@ -70,14 +77,20 @@ def _test(cfg, path: Path, combos: list[str], ranks, logger, args: argparse.Name
     split = args.split or ("val" if args.eval_all or not in_boxes else "test")
     how = {"split": split, "batch_size": args.batch_size, "workers": args.workers, "started": time.time()}
     if not in_boxes:
+        if args.runtime != TORCH:
+            raise ConfigError(f"--runtime {args.runtime}: a depth branch alone runs in {TORCH} only")
         return run_depth_test(cfg, name, path, ranks, logger, **how)
-    return run_test(cfg, name, path, combos, ranks, logger, wire=args.wire, **how)
+    return run_test(cfg, name, path, combos, ranks, logger, wire=args.wire, runtime=args.runtime, **how)
+
+
+def _tag(args: argparse.Namespace) -> str:
+    """``default``, ``wire``, ``onnxruntime`` or ``onnxruntime_wire``."""
+    parts = [args.runtime] * (args.runtime != TORCH) + ["wire"] * args.wire
+    return "_".join(parts) or "default"
 
 
 def _report(result: BenchmarkResult | DepthResult, path: Path, folder: RunFolder, args: argparse.Namespace) -> None:
-    where = (
-        folder.evaluation / path.stem / result.meta["split"] / (args.eval_tag or ("wire" if args.wire else "default"))
-    )
+    where = folder.evaluation / path.stem / result.meta["split"] / (args.eval_tag or _tag(args))
     if isinstance(result, DepthResult):
         result.write(where, args.json)
     else:

@@ -12,8 +12,10 @@ from collections.abc import Mapping
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional as F
 
 from pcdet_avp.errors import ConfigError
+from pcdet_avp.models.cpu_kernels import group_norm as kernels
 from pcdet_avp.models.precision import full_precision
 
 NORMS = ("group", "batch", "frozen_batch")
@@ -31,6 +33,14 @@ def make_norm(kind: str, channels: int) -> nn.Module:
     if kind == "frozen_batch":
         return FrozenBatchNorm2d(channels)
     raise ConfigError(f"NORM: unknown normalisation {kind!r}; known: {', '.join(NORMS)}")
+
+
+def norm_relu(norm: nn.Module, x: Tensor, shortcut: Tensor | None = None) -> Tensor:
+    """relu(norm(x) + shortcut), (B, C, H, W) each. Where no gradients are wanted, x may be overwritten: pass what a
+    convolution has just made."""
+    if kernels.fits(norm, x, shortcut):
+        return kernels.norm_relu(norm, x, shortcut)
+    return F.relu(norm(x) if shortcut is None else norm(x) + shortcut)
 
 
 class FrozenBatchNorm2d(nn.Module):

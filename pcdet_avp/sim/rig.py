@@ -64,6 +64,13 @@ class Rig:
         mounted = tuple((unit, AgentRig.from_config(_as_mounted(sensors["INFRA"], unit))) for unit in units)
         return cls(AgentRig.from_config(sensors["EGO"]), infra, mounted)
 
+    def reversed(self) -> Rig:
+        """The same vehicle in a frame that faces where its tail points: its sensors turned by 180 degrees."""
+        turn = Pose.from_xyz_yaw(0.0, 0.0, yaw=np.pi)
+        camera = replace(self.ego.camera, agent_from_camera=turn @ self.ego.camera.agent_from_camera)
+        lidar = replace(self.ego.lidar, agent_from_lidar=turn @ self.ego.lidar.agent_from_lidar)
+        return replace(self, ego=replace(self.ego, camera=camera, lidar=lidar))
+
     def placed_in(self, world: World) -> tuple[PlacedRig, ...]:
         """The sensors of the ego and of every roadside unit where they stand in a world now; the ego first."""
         ego = PlacedRig("ego", self.ego, world.world_from_ego, world.ego_tracer, EGO_SOURCES)

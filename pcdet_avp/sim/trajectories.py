@@ -16,6 +16,8 @@ import numpy as np
 
 from pcdet_avp.errors import GeometryError
 
+PROJECTION_TOLERANCE_M = 1e-9  # so that no place between two pieces is lost
+
 
 @dataclass(frozen=True)
 class Motion:
@@ -68,9 +70,22 @@ class Segment:
     def at(self, distance: float) -> tuple[float, float, float]:
         """Pose (x, y, yaw) after a distance along the piece: the integral of (cos, sin)(yaw + curvature s)."""
         half_turn = self.curvature * distance / 2
-        chord = distance * np.sinc(half_turn / np.pi)
+        chord = distance * (np.sinc(half_turn / np.pi) if half_turn else 1.0)
         x, y = self.x + chord * np.cos(self.yaw + half_turn), self.y + chord * np.sin(self.yaw + half_turn)
         return float(x), float(y), self.yaw + 2 * half_turn
+
+    def project(self, points: np.ndarray) -> np.ndarray:
+        """(..., 2) distance along the piece, prolonged beyond both ends, and offset to its left, of points (..., 2)."""
+        cos, sin = np.cos(self.yaw), np.sin(self.yaw)
+        x, y = points[..., 0] - self.x, points[..., 1] - self.y
+        along, left = cos * x + sin * y, cos * y - sin * x
+        if self.curvature == 0:
+            return np.stack([along, left], axis=-1)
+        side = np.sign(self.curvature)
+        inwards = 1 / abs(self.curvature) - side * left  # from the circle's centre towards the start
+        radius = np.hypot(along, inwards)
+        angle = np.arctan2(along, inwards)
+        return np.stack([angle / abs(self.curvature), side * (1 / abs(self.curvature) - radius)], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -110,6 +125,25 @@ class Path:
                 return segment.at(left)
             left -= segment.length
         return self.segments[-1].at(min(left, self.segments[-1].length))
+
+    def project(self, points: np.ndarray) -> np.ndarray:
+        """(..., 2) the way along the path and the offset to its left of points (..., 2): of the nearest place on it.
+
+        Both ends are prolonged straight on; so where the path has no arc, this is a rotation and a shift.
+        """
+        best, distance, begin = np.full(points.shape, np.nan), np.full(points.shape[:-1], np.inf), 0.0
+        last = len(self.segments) - 1
+        for number, segment in enumerate(self.segments):
+            if segment.length == 0 and last > 0:
+                continue
+            found = segment.project(points)
+            low = -np.inf if begin == 0 and segment.curvature == 0 else -PROJECTION_TOLERANCE_M
+            high = np.inf if number == last and segment.curvature == 0 else segment.length + PROJECTION_TOLERANCE_M
+            on_it = (found[..., 0] >= low) & (found[..., 0] <= high) & (np.abs(found[..., 1]) < distance)
+            distance = np.where(on_it, np.abs(found[..., 1]), distance)
+            best = np.where(on_it[..., None], found + np.array([begin, 0.0]), best)
+            begin += segment.length
+        return best
 
 
 @dataclass(frozen=True)
@@ -158,6 +192,44 @@ class Waypoints:
         return Motion(x0 + share * (x1 - x0), y0 + share * (y1 - y0), yaw, self.speed if walks else 0.0, distance)
 
     def released(self, time_s: float) -> Waypoints:
+        return replace(self, start_s=time_s)
+
+
+@dataclass(frozen=True)
+class RunUp:
+    """Walks once from one point to another, reaching its speed within ``run_up_m`` at constant acceleration, as the
+    targets of Euro NCAP do; waits at the first point before ``start_s`` and stands at the other."""
+
+    x0: float
+    y0: float
+    x1: float
+    y1: float
+    speed: float
+    run_up_m: float
+    start_s: float = 0.0
+
+    @property
+    def length(self) -> float:
+        return dist((self.x0, self.y0), (self.x1, self.y1))
+
+    def duration(self, distance: float) -> float:
+        """Seconds from setting off until a distance (m) is covered."""
+        if distance <= self.run_up_m:
+            return 2 * (distance * self.run_up_m) ** 0.5 / self.speed
+        return (distance + self.run_up_m) / self.speed
+
+    def at(self, time_s: float) -> Motion:
+        elapsed = max(time_s - self.start_s, 0.0)
+        ramp_s = 2 * self.run_up_m / self.speed
+        ramps = elapsed < ramp_s
+        wanted = self.speed * elapsed**2 / (2 * ramp_s) if ramps else self.speed * elapsed - self.run_up_m
+        distance = min(wanted, self.length)
+        share = distance / self.length
+        speed = (self.speed * elapsed / ramp_s if ramps else self.speed) if wanted < self.length else 0.0
+        x, y = self.x0 + share * (self.x1 - self.x0), self.y0 + share * (self.y1 - self.y0)
+        return Motion(x, y, atan2(self.y1 - self.y0, self.x1 - self.x0), speed, distance)
+
+    def released(self, time_s: float) -> RunUp:
         return replace(self, start_s=time_s)
 
 

@@ -20,6 +20,8 @@ from pcdet_avp.sim.meshes.car_spec import CarSpec
 from pcdet_avp.sim.meshes.mesh import Mesh
 from pcdet_avp.sim.rays.face_tables import FaceRoom
 from pcdet_avp.sim.rays.raytracer import RayTracer, TriangleScene
+from pcdet_avp.sim.rays.sightline import Sight
+from pcdet_avp.sim.rays.triangle_scene import bounding_sphere
 from pcdet_avp.sim.render.lights import Lighting, headlamps_of
 from pcdet_avp.structures.ego import EGO_LENGTH_M, EGO_WIDTH_M
 from pcdet_avp.structures.pose import Pose
@@ -35,6 +37,7 @@ MOVING = (
     "moving_scene",
     "ego_tracer",
     "infra_tracer",
+    "ego_scene",
 )  # cached values that are invalid once time advances
 
 
@@ -55,9 +58,13 @@ class World:
 
     world_from_infra = Pose.from_xyz_yaw(0.0, 0.0, yaw=np.pi)
 
-    def __init__(self, layout: GarageLayout, actors: Sequence[Actor], lighting: Lighting) -> None:
-        """``lighting`` without head lamps: those of moving cars and of the ego are added."""
+    def __init__(
+        self, layout: GarageLayout, actors: Sequence[Actor], lighting: Lighting, reversing: bool = False
+    ) -> None:
+        """``lighting`` without head lamps: those of moving cars and of the ego are added. ``reversing``: the ego frame
+        faces where the ego drives to, and its body faces the other way."""
         self.layout, self.time_s = layout, 0.0
+        self._ego_from_body = Pose.from_xyz_yaw(0.0, 0.0, yaw=np.pi if reversing else 0.0)
         self._lighting = lighting
         self._actors = {actor.object_id: actor for actor in actors}
         if len(self._actors) != len(actors) or any(number < 0 for number in self._actors):
@@ -78,7 +85,11 @@ class World:
     def set_ego(self, x: float, y: float, yaw: float) -> None:
         """Put the ego's centre at x, y (m), heading yaw (rad)."""
         self.world_from_ego = Pose.from_xyz_yaw(x, y, yaw=yaw)
-        self._forget("infra_tracer")
+        self._forget("infra_tracer", "ego_scene")
+
+    @property
+    def _world_from_body(self) -> Pose:
+        return self.world_from_ego @ self._ego_from_body
 
     def advance_to(self, time_s: float) -> None:
         """Every scripted road user goes to where it is at a time (s)."""
@@ -116,7 +127,7 @@ class World:
         """Ceiling lamps, exposure, and the head lamps of every car that drives, where they are now."""
         lit = [actor for actor in self.actors if isinstance(actor, Car) and actor.lamps_on]
         lamps = [headlamps_of(pose_at(car, self.time_s), car.spec.length) for car in lit]
-        return replace(self._lighting, headlamps=(headlamps_of(self.world_from_ego, EGO_SPEC.length), *lamps))
+        return replace(self._lighting, headlamps=(headlamps_of(self._world_from_body, EGO_SPEC.length), *lamps))
 
     @cached_property
     def static_scene(self) -> TriangleScene:
@@ -137,8 +148,21 @@ class World:
 
     def _build_infra_tracer(self) -> RayTracer:
         """The ego is among those that move: one small scene more would cost every ray a query more."""
-        ego = car_mesh(EGO_SPEC).transformed(self.world_from_ego), EGO_INSTANCE
-        return RayTracer([self.static_scene, TriangleScene([*self._movers(), ego])], self._infra_room)
+        return RayTracer([self.static_scene, TriangleScene([*self._movers(), self._ego_part()])], self._infra_room)
+
+    def _ego_part(self) -> tuple[Mesh, int]:
+        return car_mesh(EGO_SPEC).transformed(self._world_from_body), EGO_INSTANCE
+
+    def sight_of(self, agent: str) -> Sight:
+        """What answers whether the sensors of "ego" or "infra" see somebody; the mast's see the ego, too."""
+        if agent == "ego":
+            return Sight(self.static_scene, self.moving_scene)
+        *centre, radius = bounding_sphere(car_mesh(EGO_SPEC))
+        sphere = (*self._world_from_body.apply(np.array(centre)), radius)
+        return Sight(self.static_scene, self.moving_scene, (sphere, self._ego_scene))
+
+    def _ego_scene(self) -> TriangleScene:
+        return self._cached("ego_scene", lambda: TriangleScene([self._ego_part()]))
 
     def _movers(self) -> list[tuple[Mesh, int]]:
         """Mesh and object id of every road user on a trajectory at the current time."""

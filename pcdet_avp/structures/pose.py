@@ -46,10 +46,18 @@ class Pose:
     def from_xyz_yaw(cls, x: float, y: float, z: float = 0.0, yaw: float = 0.0, pitch_down: float = 0.0) -> Pose:
         """Position in metres; yaw counter-clockwise about z, then pitch about the new y axis (nose down), radians."""
         cy, sy, cp, sp = np.cos(yaw), np.sin(yaw), np.cos(pitch_down), np.sin(pitch_down)
-        matrix = np.eye(4)
-        matrix[:3, :3] = [[cy * cp, -sy, cy * sp], [sy * cp, cy, sy * sp], [-sp, 0.0, cp]]
-        matrix[:3, 3] = x, y, z
-        return cls(matrix)
+        rows = [[cy * cp, -sy, cy * sp, x], [sy * cp, cy, sy * sp, y], [-sp, 0.0, cp, z], [0.0, 0.0, 0.0, 1.0]]
+        return cls._known(np.array(rows, dtype=np.float64))
+
+    @classmethod
+    def _known(cls, matrix: np.ndarray) -> Pose:
+        """Of a fresh matrix whose rotation is one by construction: looked at only for NaN."""
+        if not np.isfinite(matrix).all():
+            return cls(matrix)  # raises
+        pose = object.__new__(cls)
+        matrix.setflags(write=False)
+        object.__setattr__(pose, "matrix", matrix)
+        return pose
 
     @property
     def rotation(self) -> np.ndarray:
@@ -76,7 +84,7 @@ class Pose:
         matrix = np.eye(4)
         matrix[:3, :3] = self.rotation.T
         matrix[:3, 3] = -self.rotation.T @ self.translation
-        return Pose(matrix)
+        return Pose._known(matrix)
 
     def __matmul__(self, other: Pose) -> Pose:
         """a_from_b @ b_from_c is a_from_c."""

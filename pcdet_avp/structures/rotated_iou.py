@@ -35,6 +35,12 @@ def iou_3d(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return _over_union(shared, a[:, 3:6].prod(1), b[:, 3:6].prod(1))
 
 
+def suppress(boxes: np.ndarray, max_iou: float, most: int) -> np.ndarray:
+    """Rows (n,) int64 of boxes (N, 7), best first, that survive non-maximum suppression: a box goes when its BEV IoU
+    with a better survivor is above ``max_iou``; the search ends with ``most`` survivors."""
+    return _suppress(_as_boxes(boxes, "boxes"), float(max_iou), int(most))
+
+
 def _as_boxes(boxes: np.ndarray, name: str) -> np.ndarray:
     return np.ascontiguousarray(check_boxes(boxes, name)[:, :7], dtype=np.float64)
 
@@ -59,6 +65,25 @@ def _bev_intersection(a, b):
             if _circles_meet(a[i], b[j]):
                 area[i, j] = _intersection(a[i], b[j], polygon, scratch)
     return area
+
+
+@numba.njit(cache=True, nogil=True)
+def _suppress(boxes, max_iou, most):
+    kept, gone = np.empty(min(most, len(boxes)), np.int64), np.zeros(len(boxes), np.bool_)
+    polygon, scratch, n = np.empty((MAX_VERTICES, 2)), np.empty((MAX_VERTICES, 2)), 0
+    for i in range(len(boxes)):
+        if n == len(kept):
+            break
+        if gone[i]:
+            continue
+        kept[n] = i
+        n += 1
+        for j in range(i + 1, len(boxes)):
+            if not gone[j] and _circles_meet(boxes[i], boxes[j]):
+                sizes = boxes[i, 3] * boxes[i, 4], boxes[j, 3] * boxes[j, 4]
+                shared = min(_intersection(boxes[i], boxes[j], polygon, scratch), min(sizes[0], sizes[1]))
+                gone[j] = not shared / (sizes[0] + sizes[1] - shared) <= max_iou
+    return kept[:n]
 
 
 @numba.njit(cache=True)

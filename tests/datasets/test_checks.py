@@ -76,14 +76,15 @@ def test_the_writer_refuses_it_and_writes_nothing(tmp_path, make_frame, name):
     assert not has_frame(tmp_path, ID)
 
 
+INFRA_POSE = ["roadside_units", 0, "world_from_agent"]
 EDITS = {
     "pitched ego": (
         ["ego", "world_from_agent"],
         tilted(pitch_deg=30).matrix.tolist(),
         "ego.world_from_agent: an agent's",
     ),
-    "upside down": (["infra", "world_from_agent"], tilted(roll_deg=180).matrix.tolist(), "found 180 degrees"),
-    "a little": (["infra", "world_from_agent"], tilted(pitch_deg=0.2).matrix.tolist(), "found 0.2 degrees"),
+    "upside down": (INFRA_POSE, tilted(roll_deg=180).matrix.tolist(), "found 180 degrees"),
+    "a little": (INFRA_POSE, tilted(pitch_deg=0.2).matrix.tolist(), "found 0.2 degrees"),
     "nine vertices": (["labels", 0, "visible_vertices"], 9, "a box has 8 vertices, found 9"),
     "negative hits": (["labels", 0, "hits"], [0, -1, 0, 0], "expected 0 or more, found -1"),
     "a mirrored pose": (
@@ -126,7 +127,7 @@ def test_poses_that_other_programs_rounded_are_read_as_they_were_meant(tmp_path,
     folder = frame_dir(tmp_path, ID)
     ego, infra = Pose.from_xyz_yaw(10, 20, 0, yaw), Pose.from_xyz_yaw(10, 20, 0, yaw) @ Pose.from_xyz_yaw(30, 0, 0, 1.0)
     edited(folder, ["ego", "world_from_agent"], ego.matrix.round(decimals).tolist())
-    edited(folder, ["infra", "world_from_agent"], infra.matrix.round(decimals).tolist())
+    edited(folder, INFRA_POSE, infra.matrix.round(decimals).tolist())
     found = read_frame(tmp_path, ID, sources=()).ego_from_infra
     np.testing.assert_allclose(found.translation, [30, 0, 0], atol=60 * 10.0**-decimals)
     assert found.yaw == pytest.approx(1.0, abs=3 * 10.0**-decimals)

@@ -35,7 +35,7 @@ def test_an_unknown_split_is_refused():
 
 
 WRONG = [
-    ("schema_version", 2, r"dataset.json: schema_version: this version reads schema version 1, found 2"),
+    ("schema_version", 3, r"dataset.json: schema_version: this package reads schema versions 1 and 2, found 3"),
     ("class_names", ["Car", "Tram"], r"class_names: unknown class 'Tram'"),
     ("complete", "yes", r"complete: expected a boolean, found 'yes'"),
     ("scenes", {}, r"scenes: expected a list"),

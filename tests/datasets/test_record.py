@@ -187,7 +187,10 @@ DAMAGE = {
     "cut cloud": (without_checksums(cut("ego_lidar.scan.zst", 200)), r"ego_lidar.scan.zst: damaged, cut short"),
     "cloud of another LiDAR": (at(["ego", "lidar", "columns"], 61), r"ego_lidar.scan.zst: cloud of wrong length"),
     "cloud of a smaller LiDAR": (at(["ego", "lidar", "beams"], 1), r"ego_lidar.scan.zst: cloud of wrong length"),
-    "NaN pose": (at(["infra", "world_from_agent", 0, 3], NAN), r"frame.json: infra.world_from_agent: holds NaN"),
+    "NaN pose": (
+        at(["roadside_units", 0, "world_from_agent", 0, 3], NAN),
+        r"frame.json: roadside_units\[0\].world_from_agent: holds NaN",
+    ),
     "no rotation": (at(["ego", "world_from_agent", 0, 0], 2.0), r"frame.json: ego.world_from_agent: .*not a rotation"),
     "short matrix": (at(["ego", "world_from_agent"], [[1, 0], [0, 1]]), r"ego.world_from_agent: expected .*\(4, 4\)"),
     "missing calibration": (at(["ego", "camera", "fx"], DELETE), r"frame.json: ego.camera.fx: missing"),
@@ -196,7 +199,7 @@ DAMAGE = {
         at(["ego", "camera", "cx"], "32"),
         r"frame.json: ego.camera.cx: expected a number, found '32'",
     ),
-    "foreign schema": (at(["schema_version"], 7), r"frame.json: schema_version: .*reads schema version 1, found 7"),
+    "foreign schema": (at(["schema_version"], 7), r"frame.json: schema_version: .*versions 1 and 2, found 7"),
     "unknown class": (
         at(["labels", 1, "class"], "Bus"),
         r"labels\[1\].class: unknown class 'Bus'; known: Car, Pedestrian",

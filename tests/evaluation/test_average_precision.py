@@ -227,7 +227,7 @@ def random_frame(rng, i):
     )
 
 
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.01, 0.5, 0.7]), st.booleans())
 def test_agrees_with_the_naive_reference(seed, min_overlap, wedge):
     frames = random_frames(np.random.default_rng(seed))

@@ -2,6 +2,8 @@
 
 import os
 import re
+import runpy
+import signal
 import socket
 import subprocess
 import sys
@@ -92,20 +94,36 @@ def test_the_vehicle_fuses_what_two_units_send_and_goes_on_when_one_is_killed(st
     assert first.poll() is None
 
 
-def test_what_is_wrong_is_one_line(start):
-    place = f"127.0.0.1:{free_port()}"
-    alone = start("vehicle", "--listen", place, "--wait", 0.2)
+@pytest.fixture
+def complaint(tiny_data, weights, monkeypatch, capsys):
+    """``complaint(role, *arguments)``: exit status and errors of one of the two, run in this process."""
+
+    def run(role, *arguments):
+        words = [role, "--cfg", CFG, "--ckpt", weights, "--frames", 1, *arguments]
+        monkeypatch.setattr(sys, "argv", [str(w) for w in (*words, "--set", "DATA_CONFIG.DATA_PATH", tiny_data)])
+        monkeypatch.syspath_prepend(ROOT / "examples")
+        before = signal.getsignal(signal.SIGTERM)
+        try:
+            with pytest.raises(SystemExit) as ended:
+                runpy.run_path(str(ROOT / "examples" / f"{role}.py"), run_name="__main__")
+        finally:
+            signal.signal(signal.SIGTERM, before)
+        return ended.value.code, capsys.readouterr().err
+
+    return run
+
+
+def test_what_is_wrong_is_one_line(complaint):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
-        place = f"127.0.0.1:{taken.getsockname()[1]}"
-        processes = {
-            "cannot be bound": start("vehicle", "--listen", place),
-            "expected HOST:PORT, found 'here'": start("roadside_unit", "--to", "here"),
-            "--unit: expected a number below 65536, found 65536": start("roadside_unit", "--unit", 65_536),
-            "no segment at all; is roadside_unit.py running": alone,
+        wrong = {
+            "cannot be bound": ("vehicle", "--listen", f"127.0.0.1:{taken.getsockname()[1]}"),
+            "expected HOST:PORT, found 'here'": ("roadside_unit", "--to", "here"),
+            "--unit: expected a number below 65536, found 65536": ("roadside_unit", "--unit", 65_536),
+            "no segment at all; is roadside_unit.py running": ("vehicle", "--listen", f"127.0.0.1:{free_port()}"),
         }
-        for words, process in processes.items():
-            _, errors = process.communicate(timeout=60)
-            assert process.returncode == 2
+        for words, command in wrong.items():
+            status, errors = complaint(*command, *(["--wait", 0.2] if command[0] == "vehicle" else []))
+            assert status == 2
             assert words in errors
             assert len(errors.strip().splitlines()) == 1

@@ -97,10 +97,26 @@ def test_every_configuration_builds(name):
         "cp_full.yaml": full,
         "ablations/from_openpcdet.yaml": full,
         "cp_small.yaml": (1.5e6, 2.5e6),
+        "cp_small_2.yaml": (1e6, 1.6e6),
         "cp_tiny.yaml": (3e4, 2e5),
     }
     low, high = expected.get(name, (1e6, 2.5e6))
     assert low < sum(p.numel() for p in network.parameters()) < high
+
+
+def test_the_second_edition_takes_its_pretrained_cameras_and_sends_what_the_first_one_sends():
+    """The names and shapes of the depth branches' checkpoints, and of the codec; the same keys about the wire."""
+    first, cfg = network_of("cp_small.yaml")
+    second, slim = network_of("cp_small_2.yaml")
+    shapes = {name: p.shape for name, p in second.state_dict().items()}
+    cameras = {name: p.shape for name, p in network_of("cp_small_2_depth.yaml")[0].state_dict().items()}
+    assert cameras.items() <= shapes.items()
+    assert slim.MODEL.CAMERA_ENCODER == load_config(CFGS / "cp_small_2_depth.yaml").MODEL.CAMERA_ENCODER
+    assert {n: p.shape for n, p in first.codec.state_dict().items()} == {
+        n: p.shape for n, p in second.codec.state_dict().items()
+    }
+    for key in ("COMPRESSION", "NUM_BEV_FEATURES"):
+        assert slim.MODEL[key] == cfg.MODEL[key]
 
 
 @pytest.mark.parametrize("combo", SENSOR_SETS)

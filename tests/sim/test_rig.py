@@ -68,7 +68,7 @@ def distance_to_triangles(points, vertices, faces):
 def test_every_lidar_point_lies_on_a_triangle(agent, frame, world):
     view = getattr(frame, agent)
     tracer = world.ego_tracer() if agent == "ego" else world.infra_tracer()
-    points = view.world_from_agent.apply(view.points[:: len(view.points) // 150, :3].astype(float))
+    points = view.world_from_agent.apply(view.points[:: len(view.points) // 60, :3].astype(float))
     best = np.full(len(points), np.inf)
     for scene in tracer.scenes:
         best = np.minimum(best, distance_to_triangles(points, scene.mesh.vertices, scene.mesh.faces))

@@ -30,6 +30,21 @@ def test_blind_crashes_in_every_episode_and_the_files_say_where_they_come_from(t
     assert sorted(file.name for file in tmp_path.glob("*.csv")) == ["episodes.csv", "wall_times.csv"]
 
 
+def test_blind_is_certified_for_no_speed(tmp_path):
+    """Nobody brakes, so the first five runs of the slowest speed end the sequence."""
+    done = tool(
+        *("--certify", "--scenario", "t_junction", "--perception", "blind", "--speeds", 8, 5, "--workers", 1),
+        *("--out", tmp_path, "--method", "sequential"),
+    )
+    assert done.returncode == 0, done.stderr
+    assert "| t_junction | blind      | any     | none          | 5 m/s failed |" in done.stdout
+    (entry,) = json.loads((tmp_path / "certificate.json").read_text())
+    assert (entry["speed"], entry["rate"], entry["method"], entry["budget"]) == (None, 0.05, "sequential", 264)
+    assert entry["crashes"] == entry["runs"] == 5  # with so many, it would take 277 runs
+    assert entry["tested"][0]["speed"] == 5.0
+    assert json.loads((tmp_path / "summary.json").read_text())["meta"]["seed"] == 1_000_000
+
+
 @pytest.mark.parametrize(
     ("wrong", "named"),
     [
@@ -41,6 +56,14 @@ def test_blind_crashes_in_every_episode_and_the_files_say_where_they_come_from(t
         (("--perception", "model", "--ckpt", "nowhere.pth"), "nowhere.pth"),
         (("--set", "CLOSED_LOOP.TAU", "1"), "TAU"),
         (("--link", "nr_v2x"), "--link"),
+        (("--rate", "0.05"), "--rate: belongs to --certify"),
+        (("--seed", "1000000"), "--seed"),
+        (("--certify", "--trials", "5"), "--trials"),
+        (("--certify", "--search"), "--search"),
+        (("--certify", "--rate", "0"), "--rate"),
+        (("--certify", "--budget", "99"), "--budget"),
+        (("--certify", "--method", "sequential", "--budget", "50"), "88 runs"),
+        (("--certify", "--method", "sequential", "--allowed_crashes", "1"), "--allowed_crashes"),
     ],
 )
 def test_wrong_input_is_one_line_and_status_2(wrong, named, tmp_path, monkeypatch, capsys):

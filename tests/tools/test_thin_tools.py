@@ -32,7 +32,7 @@ def test_every_command_has_a_tool_and_every_script_a_command():
     found = {file.stem for file in Path(commands.__file__).parent.glob("*.py")} - {"__init__"}
     assert found == {tool.stem for tool in TOOLS}
     assert set(SCRIPTS.values()) <= found
-    assert {"avp-data", "avp-train", "avp-test", "avp-demo", "avp-safety", "avp-tour"} <= set(SCRIPTS)
+    assert {"avp-export", "avp-data", "avp-train", "avp-test", "avp-demo", "avp-safety", "avp-tour"} <= set(SCRIPTS)
 
 
 @pytest.mark.parametrize("name", sorted(SCRIPTS))

@@ -255,7 +255,7 @@ def test_recordings_without_cameras_train_and_are_tested_with_what_they_have(cal
     shutil.copytree(tiny_data, data)
     for file in data.glob("scenes/*/*/frame.json"):
         frame = json.loads(file.read_text())
-        frame["ego"]["camera"] = frame["infra"]["camera"] = None
+        frame["ego"]["camera"] = frame["roadside_units"][0]["camera"] = None
         file.write_text(json.dumps(frame))
     call(tmp_path, "train", "--epochs", 1, data=data)
     run = tmp_path / "output" / "avp" / "cp_tiny" / "default"

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from pcdet_avp.closed_loop.perception.faults import MARK, Fault, FaultyBuild, find_fault
 from pcdet_avp.closed_loop.perception.line_of_sight import LineOfSight
 from pcdet_avp.closed_loop.perception.oracle import AlwaysSlow, Blind, Oracle
 from pcdet_avp.closed_loop.perception.perceiver import Perceiver, PerceiverSettings
@@ -71,8 +72,24 @@ def add_perception(kind: PerceptionKind) -> PerceptionKind:
 
 
 def find_perception(name: str) -> PerceptionKind:
-    """The perception of a name, or of ``module:name``; ConfigError for an unknown one."""
-    return find_entry(PERCEPTIONS, name, "perception")
+    """The perception of a name, of ``module:name``, or either with a fault (``los@link_cut``); ConfigError for an
+    unknown one."""
+    healthy, mark, fault = name.partition(MARK)
+    kind = find_entry(PERCEPTIONS, healthy, "perception")
+    return _with_fault(kind, find_fault(fault)) if mark else kind
+
+
+def _with_fault(kind: PerceptionKind, fault: Fault) -> PerceptionKind:
+    if not kind.uses_sensors:
+        raise ConfigError(f"perception {kind.name!r} uses no sensors and no link, so {fault.name!r} changes nothing")
+    meaning = f"{kind.meaning}, but {fault.meaning}"
+    name, build = f"{kind.name}{MARK}{fault.name}", FaultyBuild(kind.build, fault.name)
+    return replace(kind, name=name, build=build, meaning=meaning)
+
+
+def known_perception(name: str) -> PerceptionKind | None:
+    """The perception of a name in a file; None for one of another package that is not imported."""
+    return find_perception(name) if name.partition(MARK)[0] in PERCEPTIONS else None
 
 
 def build_perceiver(name: str, settings: PerceiverSettings) -> Perceiver:
@@ -82,4 +99,5 @@ def build_perceiver(name: str, settings: PerceiverSettings) -> Perceiver:
 
 def uses_sensors(name: str) -> bool:
     """Whether results of a perception depend on the sensor set; one that is not known here is taken to."""
-    return name not in PERCEPTIONS or PERCEPTIONS[name].uses_sensors
+    kind = known_perception(name)
+    return kind is None or kind.uses_sensors

@@ -12,7 +12,6 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from pcdet_avp.closed_loop.perception.perceiver import Missed, Perceived, PerceiverSettings
-from pcdet_avp.sim.rays.sightline import camera_sees, lidar_sees
 from pcdet_avp.sim.rig import Rig
 from pcdet_avp.sim.scenarios.scenario import Scenario
 from pcdet_avp.sim.world import World
@@ -29,11 +28,13 @@ class LineOfSight:
 
     def __init__(self, settings: PerceiverSettings) -> None:
         units = mounted_units(settings.data_cfg.get("ROADSIDE_UNITS"))
-        self._rig = Rig.from_config(settings.data_cfg["SENSORS"], units)
+        self._forward = Rig.from_config(settings.data_cfg["SENSORS"], units)
+        self._rig = self._forward
         self._grid = BevGrid.from_range(settings.data_cfg["POINT_CLOUD_RANGE"], settings.data_cfg["VOXEL_SIZE"])
         self._sought: tuple[int, ...] = ()
 
     def begin(self, scenario: Scenario, seed_key: Sequence[int]) -> None:
+        self._rig = self._forward.reversed() if scenario.reversing else self._forward
         self._sought = tuple(threat.object_id for threat in scenario.threats)
 
     def perceive(self, world: World, tick: int, sensor_set: SensorSet) -> Perceived:
@@ -62,9 +63,9 @@ class LineOfSight:
     def _by_sensor(self, world: World, object_id: int, sensor_set: SensorSet) -> Iterator[bool | None]:
         """One sensor's verdict after the other, LiDARs first (they are asked fewer rays)."""
         mesh = world.mesh_of(object_id)
-        for agent, rig, pose, tracer, has, _ in self._rig.placed_in(world):
-            used = [source for source in has if source in sensor_set.sources]
+        for agent, rig, pose, _, has, _ in self._rig.placed_in(world):
+            sight, used = world.sight_of(agent), [source for source in has if source in sensor_set.sources]
             if f"{agent}_lidar" in used:
-                yield lidar_sees(tracer(), rig.lidar, pose, mesh, object_id, RETURNS)
+                yield sight.lidar_sees(rig.lidar, pose, mesh, object_id, RETURNS)
             if f"{agent}_camera" in used:
-                yield camera_sees(tracer(), rig.camera, pose, mesh, object_id, PIXELS)
+                yield sight.camera_sees(rig.camera, pose, mesh, object_id, PIXELS)

@@ -21,10 +21,13 @@ from pcdet_avp.config import apply_overrides, ignoring, load_config
 from pcdet_avp.datasets.avp.collate import collate, load_batch
 from pcdet_avp.datasets.avp.network_input import NetworkInput
 from pcdet_avp.datasets.avp.prepare import prepare
+from pcdet_avp.deploy.deployed import BothHalves, Deployed
+from pcdet_avp.deploy.manifest import MANIFEST
 from pcdet_avp.engine.checkpoint import load_model, weights_hash
-from pcdet_avp.errors import CheckpointError, ConfigError
+from pcdet_avp.errors import CheckpointError, ConfigError, ExportError
 from pcdet_avp.evaluation.inputs import Detections
 from pcdet_avp.models import build_network
+from pcdet_avp.models.export.opened import open_deployed
 from pcdet_avp.models.precision import SLOW_BF16, emulates_bf16
 from pcdet_avp.models.weights.checkpoint_file import THRESHOLDS_KEY, read_checkpoint
 from pcdet_avp.structures.frame import Frame
@@ -36,12 +39,16 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, eq=False)
 class DrivingNetwork:
-    """A network in evaluation mode and what it must be fed with; ``facts`` say where its weights come from."""
+    """A network in evaluation mode and what it must be fed with; ``facts`` say where its weights come from.
 
-    network: nn.Module
+    ``deployed``: an exported network, which computes then; ``network`` is None.
+    """
+
+    network: nn.Module | None
     input: NetworkInput
     sensors: Mapping[str, Any]  # DATA_CONFIG.SENSORS
     facts: Mapping[str, Any]
+    deployed: Deployed | None = None
     amp: bool = False  # compute in bf16 where that is safe, as training with --use_amp does
     units: tuple[MountedUnit, ...] = ()  # DATA_CONFIG.ROADSIDE_UNITS; none: the one at the world's mast
 
@@ -57,7 +64,11 @@ class DrivingNetwork:
         The roadside's maps go from encoder to fusion inside one network, compressed but not as packets; ``Onboard``
         is the vehicle that receives packets. Raises SensorError where the frame has none of the sensors.
         """
-        batch_dict = load_batch(collate([prepare(frame, sensor_set, self.input.prepare_config)]), self.device)
+        sample = prepare(frame, sensor_set, self.input.prepare_config)
+        if self.deployed is not None:
+            found = BothHalves(self.deployed).detect_alone(sample)
+            return named(frame.frame_id, found, self.input.class_names)
+        batch_dict = load_batch(collate([sample]), self.device)
         with self.computing():
             found, _ = self.network(batch_dict)
         return named(frame.frame_id, found[0], self.input.class_names)
@@ -125,7 +136,8 @@ def _load(
         logger.warning(SLOW_BF16)
     load_model(driving.network, content, ckpt)
     thresholds = content.get(THRESHOLDS_KEY) or {}
-    _use_thresholds(driving, thresholds, ckpt)
+    post = driving.network.post_processing
+    post.min_scores = _driving_scores(post.min_scores, thresholds, driving.input.class_names, ckpt)
     facts = {
         "checkpoint": Path(ckpt).name,
         "iterations": content.get("it"),
@@ -148,12 +160,39 @@ def _say_what_is_new_to_it(driving: DrivingNetwork) -> None:
                 logger.warning(words, SECTION, number, modality_of(source), *found, *known)
 
 
-def _use_thresholds(driving: DrivingNetwork, thresholds: Mapping[str, float], ckpt: str) -> None:
+def load_exported(
+    cfg_file: str,
+    overrides: Sequence[str],
+    folder: str,
+    runtime: str,
+    sha256: str | None = None,
+    ignore_config: Sequence[str] = (),
+) -> DrivingNetwork:
+    """As ``load``, of an exported network; ``sha256`` is that of its manifest. One thread computes."""
+    cfg = ignoring(apply_overrides(load_config(cfg_file), list(overrides)), ignore_config)
+    deployed = open_deployed(Path(folder), runtime, cfg, threads=1)
+    if sha256 is not None and hashlib.sha256((Path(folder) / MANIFEST).read_bytes()).hexdigest() != sha256:
+        raise ExportError(f"{folder}: was written anew meanwhile; give an export that stays as it is")
+    facts, names = deployed.exported.facts, cfg["CLASS_NAMES"]
+    thresholds = facts.get(THRESHOLDS_KEY) or {}
+    min_scores = _driving_scores(deployed.suppression.min_scores, thresholds, names, folder)
+    deployed = replace(deployed, suppression=replace(deployed.suppression, min_scores=tuple(min_scores)))
+    network_input = NetworkInput.from_config(cfg["DATA_CONFIG"], names)
+    known = {key: facts.get(key) for key in ("checkpoint", "iterations", "weights_hash")}
+    facts = {**known, THRESHOLDS_KEY: dict(thresholds), "runtime": deployed.name}
+    units = mounted_units(cfg["DATA_CONFIG"].get("ROADSIDE_UNITS"))
+    driving = DrivingNetwork(None, network_input, cfg["DATA_CONFIG"]["SENSORS"], facts, deployed, units=units)
+    _say_what_is_new_to_it(driving)
+    return driving
+
+
+def _driving_scores(
+    min_scores: Sequence[float], thresholds: Mapping[str, float], class_names: Sequence[str], file: str
+) -> list[float]:
     """Detections of a class count from its threshold on; a class without one keeps POST_PROCESSING.SCORE_THRESH."""
-    missing = [name for name in driving.input.class_names if name not in thresholds]
+    missing = [name for name in class_names if name not in thresholds]
     if missing:
-        logger.warning("%s: no score threshold for driving for %s; POST_PROCESSING's is used", ckpt, ", ".join(missing))
-    post = driving.network.post_processing
-    for k, name in enumerate(driving.input.class_names):
-        if name in thresholds:  # the post-processing asks for more than its threshold
-            post.min_scores[k] = float(np.nextafter(np.float32(thresholds[name]), np.float32(-1)))
+        logger.warning("%s: no score threshold for driving for %s; POST_PROCESSING's is used", file, ", ".join(missing))
+    # The post-processing asks for more than its threshold.
+    lowered = {name: float(np.nextafter(np.float32(score), np.float32(-1))) for name, score in thresholds.items()}
+    return [lowered.get(name, score) for name, score in zip(class_names, min_scores, strict=True)]

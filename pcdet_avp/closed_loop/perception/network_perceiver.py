@@ -20,6 +20,7 @@ from pcdet_avp.closed_loop.perception.network import DrivingNetwork
 from pcdet_avp.closed_loop.perception.perceiver import Message, Perceived, PerceiverSettings
 from pcdet_avp.closed_loop.perception.roadside_unit import RoadsideUnit
 from pcdet_avp.closed_loop.perception.vehicle_unit import Maps, Onboard
+from pcdet_avp.deploy.runtime import TORCH
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.freed_memory import keep_freed_memory
 from pcdet_avp.link.channel import IdealChannel
@@ -36,24 +37,27 @@ LINK_STREAM, LOCALISATION_STREAM, CUT_STREAM = 0, 1, 2  # of an episode's random
 def build_network_perceiver(settings: PerceiverSettings) -> NetworkPerceiver:
     """What ``--perception model`` names. With one torch thread: episodes run side by side."""
     options = LinkOptions.of(settings.link, settings.options)
-    driving = driving_network.load(
-        settings.cfg_file,
-        settings.overrides,
-        settings.ckpt,
-        settings.ckpt_sha256,
-        settings.use_amp,
-        settings.ignore_config,
-    )
+    driving = _driving(settings)
     torch.set_num_threads(1)
     keep_freed_memory()
     return NetworkPerceiver(driving, options)
+
+
+def _driving(settings: PerceiverSettings) -> DrivingNetwork:
+    files, checks = (settings.cfg_file, settings.overrides, settings.ckpt), (settings.ckpt_sha256,)
+    if settings.runtime != TORCH:
+        return driving_network.load_exported(*files, settings.runtime, *checks, settings.ignore_config)
+    return driving_network.load(*files, *checks, settings.use_amp, settings.ignore_config)
 
 
 class NetworkPerceiver:
     """Roadside units, a link and a vehicle. What it finds follows from the episode's key, world and ticks alone."""
 
     def __init__(self, driving: DrivingNetwork, options: LinkOptions) -> None:
-        self._driving, self._options, self._rig = driving, options, rig_ahead(driving)
+        self._driving, self._options = driving, options
+        self._forward = rig_ahead(driving)
+        self._backward = Rig.from_config(driving.sensors, driving.units).reversed()
+        self._rig, self._reversing = self._forward, False
         ideal = options.link == "ideal"
         segment_bytes = IdealChannel.max_segment_bytes if ideal else options.nr_v2x().max_segment_bytes
         self._unit = RoadsideUnit(driving, segment_bytes)  # of every unit: they share weights and know no past
@@ -68,7 +72,10 @@ class NetworkPerceiver:
         return self._driving.facts
 
     def begin(self, scenario: Scenario, seed_key: Sequence[int]) -> None:
-        """A vehicle that has heard nothing yet."""
+        """A vehicle that has heard nothing yet. One that reverses has no camera that looks where it goes, and its cloud
+        comes in the frame that does: turned by 180 degrees, with the same weights."""
+        self._reversing = scenario.reversing
+        self._rig = self._backward if scenario.reversing else self._forward
         self._name, self._key = f"{scenario.name}/{scenario.trial}", tuple(seed_key)
         self._downlink = Downlink(self._options, self._stream(LINK_STREAM))
         self._vehicle = Onboard(self._driving, 1e-3 * self._options.hold_ms)
@@ -78,6 +85,8 @@ class NetworkPerceiver:
 
     def perceive(self, world: World, tick: int, sensor_set: SensorSet) -> Perceived:
         """Sensors not in ``sensor_set`` capture and send nothing; maps received earlier are used as long as held."""
+        if self._reversing:
+            sensor_set = replace(sensor_set, ego_camera=False)
         silent = self._silent(world.time_s) if sensor_set.uses_infra else self._numbers
         key, name = (*self._key, tick), f"{self._name}/{tick}"
         frames = observe_units(world, self._rig, key, name, sensor_set.sources, silent)
@@ -86,6 +95,8 @@ class NetworkPerceiver:
         frame = frames[0]  # all have the same vehicle
         self._vehicle.hear(self._downlink.receive(frame.time_s))
         held = self._vehicle.held(frame.time_s)
+        if not (sensor_set.ego_camera or sensor_set.ego_lidar or held):
+            return Perceived.nothing()  # not one map is left to detect in
         believed = frame.ego.world_from_agent @ self._true_from_believed
         found = self._vehicle.detect(frame, sensor_set.ego_camera, sensor_set.ego_lidar, believed, held)
         return Perceived(found.boxes, found.names, found.scores, self._messages(held, frame.time_s))

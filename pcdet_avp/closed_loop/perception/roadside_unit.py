@@ -14,8 +14,11 @@ class RoadsideUnit:
     """Encodes, compresses and packs what a unit's sensors see; the units of a site, all alike, may share one object."""
 
     def __init__(self, driving: DrivingNetwork, max_segment_bytes: int) -> None:
-        self._driving = driving
-        self._half = RoadsideHalf(driving.network, max_segment_bytes, asked_by="--perception model")
+        self._driving, self._half = driving, None
+        if driving.deployed is not None:
+            self._deployed = driving.deployed.roadside(max_segment_bytes)
+        else:
+            self._half = RoadsideHalf(driving.network, max_segment_bytes, asked_by="--perception model")
 
     def packets(self, frame: Frame, camera: bool, lidar: bool, number: int, sender: int = 0) -> dict[str, list[bytes]]:
         """{source: segments of its map} of the sensors in use; of the frame only the roadside's view is read.
@@ -23,7 +26,9 @@ class RoadsideUnit:
         ``number`` is the frame id in the packets, ``sender`` the number of the unit.
         """
         sample = prepare(frame, SensorSet(False, False, camera, lidar), self._driving.input.prepare_config)
+        stamp = (number, round(1e6 * frame.time_s), frame.infra.world_from_agent, sender)
+        if self._half is None:
+            return self._deployed.segments(sample, *stamp)
         batch_dict = load_batch(collate([sample]), self._driving.device)
         with self._driving.computing():
-            time_us, pose = round(1e6 * frame.time_s), frame.infra.world_from_agent
-            return self._half.segments(batch_dict, number, time_us, pose, sender)
+            return self._half.segments(batch_dict, *stamp)

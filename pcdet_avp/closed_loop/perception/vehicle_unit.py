@@ -24,7 +24,8 @@ class Onboard:
     """One vehicle in one episode. Received maps count until they are ``hold_s`` old."""
 
     def __init__(self, driving: DrivingNetwork, hold_s: float) -> None:
-        self._driving, self._half = driving, VehicleHalf(driving.network)
+        self._driving = driving
+        self._half = driving.deployed.vehicle() if driving.deployed is not None else VehicleHalf(driving.network)
         self._receiver = Receiver(self._half.shape, round(1e6 * hold_s))
 
     def hear(self, payloads: Iterable[bytes]) -> None:
@@ -42,14 +43,19 @@ class Onboard:
 
         ``world_from_ego`` is where the vehicle believes to be: with each map's own pose it places that map.
         """
+        if self._driving.deployed is not None:
+            found = self._half.detect(self._sample(frame, camera, lidar), world_from_ego, held.values())
+            return named(frame.frame_id, found, self._driving.input.class_names)
         batch_dict = self.run(frame, camera, lidar, world_from_ego, held)
         with torch.inference_mode():
             found, _ = self._driving.network.post_processing(batch_dict)
         return named(frame.frame_id, found[0], self._driving.input.class_names)
 
     def run(self, frame: Frame, camera: bool, lidar: bool, world_from_ego: Pose, held: Maps) -> dict:
-        """The head's boxes and logits (see ``AnchorHeadSingle``) that ``detect`` filters."""
-        sample = prepare(frame, SensorSet(camera, lidar, False, False), self._driving.input.prepare_config)
-        batch_dict = load_batch(collate([sample]), self._driving.device)
+        """The head's boxes and logits (see ``AnchorHeadSingle``) that ``detect`` filters; in torch only."""
+        batch_dict = load_batch(collate([self._sample(frame, camera, lidar)]), self._driving.device)
         with self._driving.computing():
             return self._half.run(batch_dict, world_from_ego, held.values())
+
+    def _sample(self, frame: Frame, camera: bool, lidar: bool) -> dict:
+        return prepare(frame, SensorSet(camera, lidar, False, False), self._driving.input.prepare_config)

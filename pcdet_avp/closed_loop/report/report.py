@@ -6,7 +6,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from pcdet_avp.closed_loop.perception.factory import BASELINE, PERCEPTIONS
+from pcdet_avp.closed_loop.perception.factory import BASELINE, known_perception
 from pcdet_avp.closed_loop.report.crash_tables import (
     NOT_RUN,
     TOO_FEW,
@@ -17,6 +17,7 @@ from pcdet_avp.closed_loop.report.crash_tables import (
     paper_table,
     side_table,
 )
+from pcdet_avp.closed_loop.report.paired_tables import paired_table
 from pcdet_avp.closed_loop.report.plots import detection_figure, law_figure, speed_crash_figure, write_figure
 from pcdet_avp.closed_loop.report.side_columns import side_columns
 from pcdet_avp.closed_loop.sweep.crash_statistics import SAFE_RATE
@@ -54,12 +55,14 @@ def title(results: Results, scenario: str, perception: str) -> str:
 
 def _who(results: Results, perception: str) -> str:
     """Which perception, and of a network which configuration."""
-    network = perception in PERCEPTIONS and PERCEPTIONS[perception].uses_network
+    kind = known_perception(perception)
+    network = kind is not None and kind.uses_network
     return f"{perception} ({results.meta.get('config', 'unknown network')})" if network else perception
 
 
 def _meaning(perception: str) -> str:
-    return PERCEPTIONS[perception].meaning if perception in PERCEPTIONS else OWN_PERCEPTION
+    kind = known_perception(perception)
+    return OWN_PERCEPTION if kind is None else kind.meaning
 
 
 def _perceptions(results: Results) -> str:
@@ -94,6 +97,7 @@ def _section(results: Results, scenario: str, perception: str, figures: Path) ->
     curves = speed_crash_figure(results, scenario, perception, f"{head}: crashes")
     lines = [f"## {head}", "", f"`{perception}`: {_meaning(perception)}.", ""]
     lines += _crash_part(results, scenario, perception, head)
+    lines += _paired_part(results, scenario, perception, head)
     lines += ["", *_pace_part(results, scenario, perception, head), ""]
     lines += [*_picture(figures / f"crashes_{stem}.png", curves, f"{head}: crash rate against cruising speed")]
     for column in side_columns(results.group(scenario, perception)):
@@ -116,6 +120,20 @@ def _crash_part(results: Results, scenario: str, perception: str, head: str) -> 
         "",
         *table,
         *(["", "What the roadside adds to the maximum safe speed:", "", *gains] if gains else []),
+    ]
+
+
+def _paired_part(results: Results, scenario: str, perception: str, head: str) -> list[str]:
+    table = paired_table(results, scenario, perception)
+    if not table:
+        return []
+    return [
+        "",
+        f"**{head}: trial by trial.** Every row meets the same garage, people and timing in a trial.",
+        "McNemar's exact test (two-sided) of the trials in which only one of two rows crashed. `at any`: crashed",
+        "at any of the speeds above it, over the trials run at all of them. No correction for the number of tests.",
+        "",
+        *table,
     ]
 
 

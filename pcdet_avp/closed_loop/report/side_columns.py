@@ -31,6 +31,9 @@ def side_columns(cells: Sequence[Cell]) -> list[SideColumn]:
         SideColumn("smallest distance (m) / smallest time to collision (s): medians", _nearness),
         SideColumn("hardest deceleration (m/s2) / fastest impact (m/s)", _violence),
     ]
+    columns += [column for name, column in MEASURED.items() if any(len(cell.measured(name)) for cell in cells)]
+    if any(cell.crashes and cell.preventable is not None for cell in cells):
+        columns.append(SideColumn("crashes that the oracle avoids on the same trials, of all crashes", _preventable))
     if any(_has(cell, "first_detection_m") for cell in cells):
         heading = "first detection, m ahead of the bumper: median (episodes without any, %)"
         columns.append(SideColumn(heading, _first_detection, of_perception=True))
@@ -95,6 +98,30 @@ def _by_unit(cell: Cell) -> str:
     return "; ".join(figures) or NOTHING
 
 
+def _preventable(cell: Cell) -> str:
+    return f"{'?' if cell.preventable is None else cell.preventable}/{cell.crashes}"
+
+
+def _encroachment(cell: Cell) -> str:
+    return f"{_median(cell, 'min_pet_s')} / {_least(cell, 'min_pet_s')}"
+
+
+def _braking(cell: Cell) -> str:
+    return f"{_median(cell, 'max_drac_mps2')} / {_median(cell, 'max_brake_threat')}"
+
+
+def _distances(cell: Cell) -> str:
+    return f"{_median(cell, 'min_headway_s')} / {_median(cell, 'min_rss_margin_m')}"
+
+
+def _comfort(cell: Cell) -> str:
+    return f"{_mean(cell, 'hard_brakes')} / {_mean(cell, 'comfort_share', 100)} / {_mean(cell, 'rms_jerk_mps3')}"
+
+
+def _delay(cell: Cell) -> str:
+    return _mean(cell, "delay_s")
+
+
 def _mean(cell: Cell, column: str, factor: float = 1.0) -> str:
     return table_text(finite_mean(cell.values(column)), factor)
 
@@ -106,3 +133,18 @@ def _median(cell: Cell, column: str) -> str:
 
 def _most(cell: Cell, column: str) -> str:
     return table_text(max(cell.measured(column), default=None))
+
+
+def _least(cell: Cell, column: str) -> str:
+    return table_text(min(cell.measured(column), default=None))
+
+
+MEASURED = {  # by the column that says whether it was measured
+    "min_pet_s": SideColumn("post-encroachment time (s): median / smallest", _encroachment),
+    "max_drac_mps2": SideColumn(
+        "deceleration to avoid the crash (DRAC, m/s2) / brake threat number: medians", _braking
+    ),
+    "min_rss_margin_m": SideColumn("smallest headway (s) / gap less RSS distance (m): medians", _distances),
+    "comfort_share": SideColumn("hard brakes per episode / comfortable ticks (%) / jerk (rms, m/s3)", _comfort),
+    "delay_s": SideColumn("delay against cruising on (s)", _delay),
+}

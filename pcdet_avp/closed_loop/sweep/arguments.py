@@ -14,14 +14,18 @@ from pcdet_avp.closed_loop.perception.link_options import LinkOptions, given_lin
 from pcdet_avp.closed_loop.sweep.sweep import Sweep
 from pcdet_avp.config import apply_overrides, config_hash, ignoring, load_config, plain, require
 from pcdet_avp.config_check import check_values
+from pcdet_avp.deploy.manifest import MANIFEST
+from pcdet_avp.deploy.runtime import TORCH
 from pcdet_avp.engine.outputs import RunFolder, choose_checkpoint
 from pcdet_avp.errors import CheckpointError, ConfigError
 from pcdet_avp.provenance import provenance
+from pcdet_avp.runtime_arguments import check_runtime_arguments
 from pcdet_avp.sim.scenarios.table import find_scenario
 from pcdet_avp.structures.roadside_unit import mounted_units
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
 
 LOOP = "CLOSED_LOOP."
+TRIALS = 20  # of a cell, as in the paper
 SENSING_KEYS = ("SENSORS", "POINT_CLOUD_RANGE", "VOXEL_SIZE")  # all that perceivers without a network read
 
 
@@ -39,17 +43,17 @@ def sweep_of(args: argparse.Namespace, loop_file: Path) -> Sweep:
     scenario, perception = find_scenario(args.scenario), find_perception(args.perception)
     if perception.uses_network:
         perceiver |= _network(args, overrides)
-    elif args.ckpt or args.use_amp or args.ignore_config or args.link != "ideal" or given_link_options(args):
+    elif _network_options(args):
         raise ConfigError(
-            "--ckpt, --use_amp, --ignore_config, --link and its options belong to --perception model, "
-            f"found {perception.name}"
+            "--ckpt, --runtime, --exported, --use_amp, --ignore_config, --link and its options belong to "
+            f"--perception model, found {perception.name}"
         )
     return Sweep(
         scenario=scenario.name,
         perception=perception.name,
         combos=tuple(SENSOR_SETS) if args.combos == "all" else tuple(args.combos.split(",")),
         speeds=tuple(args.speeds),
-        trials=args.trials,
+        trials=args.trials or TRIALS,
         seed=args.seed,
         perceiver=perceiver,
         closed_loop=closed_loop,
@@ -62,11 +66,28 @@ def _network(args: argparse.Namespace, overrides: tuple[str, ...]) -> dict[str, 
     """What ``model`` alone is built from."""
     options = given_link_options(args)
     LinkOptions.of(args.link, options)  # raises if they conflict
-    ckpt = choose_checkpoint(args.ckpt, args.cfg, RunFolder.of(args.cfg).checkpoints, print).absolute()
+    check_runtime_arguments(args)
+    if args.runtime != TORCH and args.use_amp:
+        raise ConfigError(f"--use_amp belongs to --runtime {TORCH}, found {args.runtime}, which computes in float32")
     # Absolute: a worker elsewhere must not take another file of the same name for it.
     files = {"cfg_file": str(shipped.find_config(args.cfg)), "overrides": overrides}
-    files |= {"ckpt": str(ckpt), "ckpt_sha256": file_hash(ckpt), "ignore_config": tuple(args.ignore_config)}
-    return {**files, "use_amp": args.use_amp, "link": args.link, "options": options}
+    files |= {**_weights(args), "ignore_config": tuple(args.ignore_config)}
+    return {**files, "use_amp": args.use_amp, "runtime": args.runtime, "link": args.link, "options": options}
+
+
+def _weights(args: argparse.Namespace) -> dict[str, str]:
+    """The checkpoint, or the folder of an exported network, and a hash that changes with the weights."""
+    if args.runtime != TORCH:
+        folder = args.exported.absolute()
+        return {"ckpt": str(folder), "ckpt_sha256": file_hash(folder / MANIFEST)}
+    ckpt = choose_checkpoint(args.ckpt, args.cfg, RunFolder.of(args.cfg).checkpoints, print).absolute()
+    return {"ckpt": str(ckpt), "ckpt_sha256": file_hash(ckpt)}
+
+
+def _network_options(args: argparse.Namespace) -> bool:
+    """Whether anything was given that belongs to ``model`` alone."""
+    given = (args.ckpt, args.exported, args.use_amp, args.ignore_config, given_link_options(args))
+    return any(given) or args.link != "ideal" or args.runtime != TORCH
 
 
 def split_overrides(words: list[str]) -> tuple[list[str], tuple[str, ...]]:
@@ -82,7 +103,8 @@ def _identity(perception: PerceptionKind, cfg: dict, perceiver: dict[str, Any]) 
         return {}
     if not perception.uses_network:
         return {"data_cfg": perceiver["data_cfg"]}
-    weights, keys = perceiver["ckpt_sha256"], ("use_amp", "link", "options")
+    weights, keys = perceiver["ckpt_sha256"], ["use_amp", "link", "options"]
+    keys += ["runtime"] * (perceiver["runtime"] != TORCH)  # sweeps from before there was a choice go on
     return {"config_hash": config_hash(cfg), "weights": weights, **{key: perceiver[key] for key in keys}}
 
 
@@ -105,6 +127,7 @@ def sweep_meta(args: argparse.Namespace, sweep: Sweep, started: float) -> dict[s
         "closed_loop": dict(sweep.closed_loop),
         "search": sweep.search,
         "use_amp": args.use_amp,
+        "runtime": args.runtime,
         "link": args.link,
         "link_options": given_link_options(args),
     }

@@ -14,12 +14,10 @@ from pcdet_avp.closed_loop.episode_log import EpisodeLog
 from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
 from pcdet_avp.closed_loop.perception.factory import PerceptionKind
 from pcdet_avp.closed_loop.perception.perceiver import Perceiver, PerceiverSettings
-from pcdet_avp.closed_loop.sweep.episode_row import Case, EpisodeRow
+from pcdet_avp.closed_loop.sweep.episode_row import ANY_COMBO, Case, EpisodeRow
 from pcdet_avp.sim.scenarios.scenario import Scenario
 from pcdet_avp.sim.scenarios.table import ScenarioKind
 from pcdet_avp.structures.sensor_set import SensorSet
-
-ANY_COMBO = "any"  # of perceptions that use no sensors
 
 
 @dataclass(frozen=True)

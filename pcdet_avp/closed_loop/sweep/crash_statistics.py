@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from scipy.special import betaincinv
+from scipy.stats import binomtest
 
 from pcdet_avp.errors import ConfigError
 
@@ -30,6 +31,17 @@ def _bound(crashes: int, trials: int, side: float, lower: bool) -> float:
     if lower:
         return float(betaincinv(crashes, trials - crashes + 1, side)) if crashes > 0 else 0.0
     return float(betaincinv(crashes + 1, trials - crashes, 1 - side)) if crashes < trials else 1.0
+
+
+def mcnemar_exact(only_one: int, only_other: int) -> float:
+    """Two-sided p of McNemar's exact test, from the trials in which only one of two rows crashed and only the other.
+
+    Trials in which both crash, or neither, tell nothing; without any other trial p is 1.
+    """
+    if only_one < 0 or only_other < 0:
+        raise ConfigError(f"paired trials: expected counts of 0 or more, found {only_one} and {only_other}")
+    discordant = only_one + only_other
+    return float(binomtest(only_one, discordant, 0.5).pvalue) if discordant else 1.0
 
 
 def max_safe_speed(tally: Tally) -> float | None:

@@ -10,7 +10,7 @@ import csv
 import json
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,6 +18,7 @@ import numpy as np
 
 from pcdet_avp.closed_loop.sweep.crash_statistics import Tally
 from pcdet_avp.closed_loop.sweep.episode_row import current_columns
+from pcdet_avp.closed_loop.sweep.paired import preventable
 from pcdet_avp.errors import EvaluationError
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
 
@@ -42,6 +43,7 @@ class Cell:
     crashes: int
     trials: int
     episodes: tuple[Row, ...] = ()
+    preventable: int | None = None  # of the crashes: those that the oracle avoids; None: it has not driven them all
 
     def values(self, column: str) -> np.ndarray:
         """(E,) the numbers of a column; NaN where an episode had nothing to measure (written as empty or inf)."""
@@ -52,6 +54,14 @@ class Cell:
         """The numbers of a column, without the episodes that had nothing to measure."""
         values = self.values(column)
         return values[np.isfinite(values)]
+
+    def crashed(self) -> dict[int, bool]:
+        """Whether it crashed, by trial."""
+        return {int(row["trial"]): str(row["crashed"]) == "True" for row in self.episodes}
+
+    def by_trial(self, column: str) -> dict[int, float]:
+        """The numbers of a column by trial; NaN where an episode had nothing to measure."""
+        return {int(row["trial"]): v for row, v in zip(self.episodes, self.values(column).tolist(), strict=True)}
 
     def outcomes(self, name: str) -> int:
         """Number of episodes with this kind of contact: ``front``, ``side`` or ``none``."""
@@ -107,7 +117,15 @@ def read_results(folder: Path) -> Results:
     except (KeyError, TypeError, ValueError) as error:
         raise EvaluationError(f"{folder / SUMMARY}: not a summary of a sweep ({error!r})") from error
     _check_agreement(folder, cells, rows)
-    return Results(meta, {key: Cell(*tally, tuple(rows[key])) for key, tally in cells.items() if tally[1]})
+    found = {key: Cell(*tally, tuple(rows[key])) for key, tally in cells.items() if tally[1]}
+    return Results(
+        meta, {key: replace(cell, preventable=_preventable(key, cell, found)) for key, cell in found.items()}
+    )
+
+
+def _preventable(key: CellKey, cell: Cell, cells: Mapping[CellKey, Cell]) -> int | None:
+    oracle = cells.get(key._replace(perception="oracle", combo="any"), Cell(0, 0))
+    return preventable([trial for trial, crashed in cell.crashed().items() if crashed], oracle.crashed())
 
 
 def _read_summary(file: Path) -> dict:

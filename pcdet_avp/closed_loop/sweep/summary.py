@@ -12,9 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from pcdet_avp.closed_loop.sweep.crash_statistics import SAFE_RATE, Tally, bounded_speed, crash_interval, max_safe_speed
-from pcdet_avp.closed_loop.sweep.episode_row import COLUMNS, Case, EpisodeRow
+from pcdet_avp.closed_loop.sweep.episode_row import ANY_COMBO, COLUMNS, MEASURES, Case, EpisodeRow
 from pcdet_avp.closed_loop.sweep.journal import Finished
 from pcdet_avp.closed_loop.sweep.numbers import csv_text, finite_mean
+from pcdet_avp.closed_loop.sweep.paired import preventable
 from pcdet_avp.closed_loop.sweep.results import EPISODES, SUMMARY
 from pcdet_avp.closed_loop.sweep.unit_figures import pooled_units
 from pcdet_avp.files import write_json, write_text
@@ -53,7 +54,8 @@ def _commands(folder: Path, meta: Mapping[str, Any]) -> list[str]:
 
 def summary(rows: Sequence[EpisodeRow]) -> dict[str, list[dict[str, Any]]]:
     """Crashes per cell, and per combination the speeds that they allow."""
-    cells = [_cell(list(cell)) for _, cell in itertools.groupby(rows, key=lambda row: row.case[:4])]
+    oracle = {row.case: row.figures.crashed for row in rows if row.case.perception == "oracle"}
+    cells = [_cell(list(cell), oracle) for _, cell in itertools.groupby(rows, key=lambda row: row.case[:4])]
     groups = [(key, list(found)) for key, found in itertools.groupby(cells, key=group_of)]
     return {
         "cells": cells,
@@ -78,8 +80,8 @@ def tally(cells: Iterable[Mapping[str, Any]]) -> Tally:
     return {cell["speed"]: (cell["crashes"], cell["trials"]) for cell in cells}
 
 
-def _cell(rows: list[EpisodeRow]) -> dict[str, Any]:
-    figures = [row.figures for row in rows]
+def _cell(rows: list[EpisodeRow], oracle: Mapping[Case, bool]) -> dict[str, Any]:
+    figures, measures = [row.figures for row in rows], [row.measures for row in rows]
     crashes = sum(f.crashed for f in figures)
     return {
         **dict(zip(Case._fields[:4], rows[0].case, strict=False)),
@@ -99,7 +101,16 @@ def _cell(rows: list[EpisodeRow]) -> dict[str, Any]:
         "missed_occluded": sum(f.missed_occluded for f in figures),
         "max_lateral_acceleration_mps2": max(row.max_lateral_acceleration_mps2 for row in rows),
         "units": [asdict(unit) for unit in pooled_units(row.units for row in rows)],
+        "preventable": _preventable(rows, oracle),
+        **{name: finite_mean(getattr(measured, name) for measured in measures) for name in MEASURES},
     }
+
+
+def _preventable(rows: list[EpisodeRow], oracle: Mapping[Case, bool]) -> int | None:
+    """Crashes of a cell that the oracle avoids on the same trials; None where it has not driven all of them."""
+    twins = {row.case.trial: row.case._replace(perception="oracle", combo=ANY_COMBO) for row in rows}
+    driven = {trial: oracle[twin] for trial, twin in twins.items() if twin in oracle}
+    return preventable([row.case.trial for row in rows if row.figures.crashed], driven)
 
 
 def _order(case: Case) -> tuple:

@@ -50,7 +50,7 @@ class Recording:
     def seek(self, tick: int) -> World:
         """The world as it stood at a tick."""
         self._world.advance_to(float(self.log.times[tick]))
-        self._world.set_ego(float(self.log.positions[tick]), self.scenario.layout.lane_y, 0.0)
+        self._world.set_ego(*self.scenario.ego_pose(float(self.log.positions[tick])))
         return self._world
 
     def movers(self, tick: int) -> np.ndarray:

@@ -75,7 +75,8 @@ class EpisodeVideo:
     """Pictures of a recorded episode."""
 
     def __init__(self, recording: Recording, rig: Rig, title: str, settings: EpisodeSettings) -> None:
-        self._recording, self._rig, self._tick_s = recording, rig, settings.tick_s
+        self._recording, self._tick_s = recording, settings.tick_s
+        self._rig = rig.reversed() if recording.scenario.reversing else rig
         scenario = recording.scenario
         self._alone = self._targets_alone(settings) if recording.sensor_set.uses_infra else None
         self._driver = Driver.for_episode(scenario, settings)
@@ -152,8 +153,9 @@ class EpisodeVideo:
         scenario, log = self._recording.scenario, self._recording.log
         driver = Driver.for_episode(scenario, settings)
         targets = [scenario.cruising_mps] * settings.lag_ticks
-        for x, seen in zip(log.positions, self._recording.alone, strict=True):
-            pose = Pose.from_xyz_yaw(float(x), scenario.layout.lane_y)
+        for way, seen in zip(log.positions, self._recording.alone, strict=True):
+            x, y, yaw = scenario.ego_pose(float(way))
+            pose = Pose.from_xyz_yaw(x, y, yaw=yaw)
             targets.append(scenario.cruising_mps if seen is None else driver.decide(seen.boxes, seen.names, pose))
         return np.array(targets[: len(log.times)])
 

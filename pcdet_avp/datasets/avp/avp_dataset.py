@@ -13,12 +13,11 @@ import torch
 from pcdet_avp.config import require
 from pcdet_avp.datasets.avp.augment import Augmentor
 from pcdet_avp.datasets.avp.collate import collate
-from pcdet_avp.datasets.avp.made_by import check_made_by
-from pcdet_avp.datasets.avp.manifest import MANIFEST_FILE, read_manifest
+from pcdet_avp.datasets.avp.frames import find_frames
 from pcdet_avp.datasets.avp.network_input import NetworkInput
 from pcdet_avp.datasets.avp.prepare import prepare
 from pcdet_avp.datasets.avp.record import read_frame, recorded_sources
-from pcdet_avp.errors import ConfigError, RecordError
+from pcdet_avp.errors import ConfigError
 from pcdet_avp.evaluation import Detections, GroundTruth, Region, evaluate
 from pcdet_avp.evaluation.detections_file import write_texts
 from pcdet_avp.registry import DATASETS
@@ -52,6 +51,7 @@ class AvpDataset(torch.utils.data.Dataset):
         self.root_path = Path(root_path if root_path is not None else require(dataset_cfg, "DATA_PATH", str))
         self.split = split or require(dataset_cfg, f"DATA_SPLIT.{self.mode}", str)
         self.sensor_set = SensorSet.parse(require(dataset_cfg, "SENSOR_SET", str))
+        self.roadside_unit: str | None = dataset_cfg.get("ROADSIDE_UNIT")  # None: the first one of each record
         self.sources: Sequence[str] = SOURCES  # that may be read at all: a network may use fewer than a combination has
         network_input = NetworkInput.from_config(dataset_cfg, class_names)
         self.prepare_config = network_input.prepare_config
@@ -74,26 +74,14 @@ class AvpDataset(torch.utils.data.Dataset):
         return self.__dict__ | {"logger": None}
 
     def _find_frames(self) -> list[str]:
-        manifest = read_manifest(self.root_path)
-        file = self.root_path / MANIFEST_FILE
-        if not manifest.complete:
-            raise RecordError(f"{file}: complete: the data set is unfinished; make the rest with tools/create_data.py")
-        check_made_by(manifest, self.dataset_cfg, self.root_path)
-        missing = [name for name in self.class_names if name not in manifest.class_names]
-        if missing:
-            raise RecordError(
-                f"{file}: class_names: holds {list(manifest.class_names)}, but {missing[0]!r} is asked for"
-            )
-        frame_ids = manifest.frame_ids(self.split)
-        if not frame_ids:
-            raise RecordError(f"{file}: scenes: no frame in split {self.split!r}; frames: {manifest.frame_counts}")
-        self._say_if_ego_is_labelled(frame_ids[0])
+        frame_ids = find_frames(self.root_path, self.dataset_cfg, self.class_names, self.split)
+        self._check_first_frame(frame_ids[0])
         if self.logger is not None:
             self.logger.info("%s: %d frames in split %s", self.root_path, len(frame_ids), self.split)
         return frame_ids
 
-    def _say_if_ego_is_labelled(self, frame_id: str) -> None:
-        labels = read_frame(self.root_path, frame_id, sources=(), keep_ego=True).labels
+    def _check_first_frame(self, frame_id: str) -> None:
+        labels = read_frame(self.root_path, frame_id, sources=(), keep_ego=True, unit=self.roadside_unit).labels
         if self.logger is not None and centre_in_ego(labels.boxes).any():
             self.logger.warning(f"{self.root_path}: the ego itself is among the labels (frame {frame_id}): left out")
 
@@ -114,16 +102,24 @@ class AvpDataset(torch.utils.data.Dataset):
         return prepare(frame, sensor_set, self.prepare_config)
 
     def read(self, index: int, sensor_set: SensorSet) -> Frame:
-        """The frame as recorded, with the data of the sensors in ``sensor_set``."""
+        """The frame as recorded, with the data of the sensors in ``sensor_set``.
+
+        Of several roadside units it has the one that DATA_CONFIG.ROADSIDE_UNIT names, else the first; RecordError where
+        a record has none of this name. ``read_record`` of ``self.root_path`` has them all.
+        """
         sources = [source for source in sensor_set.sources if source in self.sources]
-        return read_frame(self.root_path, self.frame_ids[index], sources)
+        return read_frame(self.root_path, self.frame_ids[index], sources, unit=self.roadside_unit)
+
+    def read_labels(self, index: int, keep_ego: bool = False) -> Frame:
+        """The frame without any sensor data: poses, calibration and labels."""
+        return read_frame(self.root_path, self.frame_ids[index], (), keep_ego, self.roadside_unit)
 
     @cached_property
     def recorded_sources(self) -> tuple[str, ...]:
         """The sensors that any frame of the split has data of, in the order of ``SOURCES``."""
         found: set[str] = set()
         for frame_id in self.frame_ids:
-            found |= recorded_sources(self.root_path, frame_id)
+            found |= recorded_sources(self.root_path, frame_id, self.roadside_unit)
             if len(found) == len(SOURCES):
                 break
         return tuple(source for source in SOURCES if source in found)
@@ -188,8 +184,8 @@ class AvpDataset(torch.utils.data.Dataset):
     def ground_truths(self) -> list[GroundTruth]:
         """The labels of every frame of the split, in order, without the ego itself; the log counts those left out."""
         truths, left_out = [], 0
-        for frame_id in self.frame_ids:
-            frame = read_frame(self.root_path, frame_id, sources=(), keep_ego=True)
+        for index, frame_id in enumerate(self.frame_ids):
+            frame = self.read_labels(index, keep_ego=True)
             ego = centre_in_ego(frame.labels.boxes)
             left_out += int(ego.sum())
             truths.append(GroundTruth.from_labels(frame_id, frame.labels.select(~ego), frame.ego.camera))
@@ -200,7 +196,7 @@ class AvpDataset(torch.utils.data.Dataset):
     def regions(self) -> list[Region]:
         """Regions in which objects count: each frame's own camera's field of view first, then the whole range."""
         grid = self.prepare_config.grid
-        cameras = (read_frame(self.root_path, frame_id, sources=()).ego.camera for frame_id in self.frame_ids)
+        cameras = (self.read_labels(index).ego.camera for index in range(len(self)))
         if all(camera is None for camera in cameras):
             return [Region.full_range(grid)]
         return [Region.own_camera_fov(grid), Region.full_range(grid)]

@@ -6,7 +6,7 @@ import numpy as np
 
 from pcdet_avp.errors import GeometryError
 from pcdet_avp.structures.boxes import check_boxes
-from pcdet_avp.structures.frame import Frame, Labels
+from pcdet_avp.structures.frame import Labels
 from pcdet_avp.structures.pose import Pose
 
 VERTICES = 8
@@ -76,8 +76,8 @@ def check_labels(labels: Labels) -> Labels:
     return labels
 
 
-def check_time(frame: Frame) -> float:
+def check_time(time_s: float) -> float:
     """Seconds."""
-    if not np.isfinite(frame.time_s):
-        raise GeometryError(f"time_s: expected a finite number, found {frame.time_s}")
-    return float(frame.time_s)
+    if not np.isfinite(time_s):
+        raise GeometryError(f"time_s: expected a finite number, found {time_s}")
+    return float(time_s)

@@ -45,7 +45,7 @@ class Field:
     def __getitem__(self, key: str) -> Field:
         """A field that must be there."""
         if key not in self.of(dict):
-            known = ", ".join(self.value) or "none"
+            known = ", ".join(map(str, self.value)) or "none"
             raise RecordError(f"{self.file}: {self._join(key)}: missing; fields here: {known}")
         return Field(self.value[key], self.file, self._join(key))
 

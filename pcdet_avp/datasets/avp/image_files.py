@@ -26,6 +26,11 @@ _WITHOUT_LENGTH = (0x01, *range(0xD0, 0xD8))
 _AFTER_CODED_DATA = re.compile(rb"\xff[^\x00\xd0-\xd7]", re.DOTALL)
 
 
+def is_jpeg(data: bytes) -> bool:
+    """Whether a file begins as a JPEG does."""
+    return data.startswith(_JPEG_START)
+
+
 def encode_image(image: np.ndarray) -> bytes:
     """(H, W, 3) uint8 RGB as PNG."""
     return cv2.imencode(".png", cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2BGR), COLOUR_PNG)[1].tobytes()

@@ -1,4 +1,4 @@
-"""Folders of a record: one ``Frame`` per folder ``scenes/<scene>/<frame>`` (README.md beside this file).
+"""Folders of records: one ``Record`` per folder ``scenes/<scene>/<frame>`` (README.md beside this file).
 
 A folder appears whole or not at all: it is written under another name beside its place and then renamed.
 """
@@ -12,7 +12,8 @@ from pathlib import Path
 from pcdet_avp.datasets.avp.fields import Field
 from pcdet_avp.errors import RecordError
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2  # what is written
+READ_VERSIONS = (1, 2)  # 1: one roadside unit under the key "infra" instead of the list "roadside_units"
 SCENES_DIR = "scenes"
 FRAME_FILE = "frame.json"
 RANGE_IMAGE, POINT_LIST = "range_image", "points"
@@ -53,8 +54,10 @@ def clean_leftovers(root: str | Path) -> int:
     return len(leftovers)
 
 
-def check_schema(top: Field) -> None:
-    """Refuse a file of another schema version."""
+def check_schema(top: Field) -> int:
+    """The schema version of a file; a version that is not read is an error."""
     found = top["schema_version"].of(int)
-    if found != SCHEMA_VERSION:
-        raise top["schema_version"].error(f"this version reads schema version {SCHEMA_VERSION}, found {found}")
+    if found not in READ_VERSIONS:
+        known = " and ".join(map(str, READ_VERSIONS))
+        raise top["schema_version"].error(f"this package reads schema versions {known}, found {found}")
+    return found

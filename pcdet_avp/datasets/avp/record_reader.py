@@ -1,4 +1,4 @@
-"""Reading a ``Frame`` from disk. Nothing is taken on trust: each problem is one RecordError naming file and field."""
+"""Reading records from disk. Nothing is taken on trust: each problem is one RecordError naming file and field."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from pcdet_avp.datasets.avp.fields import Field
 from pcdet_avp.datasets.avp.image_files import decode_depth, decode_image
 from pcdet_avp.datasets.avp.layout import FRAME_FILE, POINT_LIST, RANGE_IMAGE, check_schema, frame_dir
 from pcdet_avp.datasets.avp.scan_codec import decode_scan
+from pcdet_avp.datasets.avp.units import EGO, FIRST_UNIT, Record, check_unit_name, chosen_unit
 from pcdet_avp.errors import GeometryError, RecordError, SensorError
 from pcdet_avp.structures.camera import PinholeCamera
 from pcdet_avp.structures.ego import centre_in_ego
@@ -25,13 +26,32 @@ DEFAULT_VISIBLE_VERTICES = 8
 NO_HITS = (0,) * len(SOURCES)
 
 
-def read_frame(root: str | Path, frame_id: str, sources: Collection[str] = SOURCES, keep_ego: bool = False) -> Frame:
+def read_frame(
+    root: str | Path,
+    frame_id: str,
+    sources: Collection[str] = SOURCES,
+    keep_ego: bool = False,
+    unit: str | None = None,
+) -> Frame:
     """One frame with its calibration and labels, and the data of those sensors that ``sources`` names.
 
     A sensor that was not asked for, or not recorded, is None in its ``AgentView``; its camera model is there.
+    Of several roadside units the one named ``unit`` is read, else the first; without any, the roadside has no sensors.
     A label whose centre lies in the ego's footprint is the ego itself, which is no object: it is left out unless
     ``keep_ego``.
     """
+    top = _load(root, frame_id, sources)
+    name = _chosen(top, unit)
+    return _record(top, [] if name is None else [name], sources, keep_ego).frame(name)
+
+
+def read_record(root: str | Path, frame_id: str, sources: Collection[str] = SOURCES, keep_ego: bool = False) -> Record:
+    """As ``read_frame``, with every roadside unit; ``infra_camera`` and ``infra_lidar`` mean those of all of them."""
+    top = _load(root, frame_id, sources)
+    return _record(top, _units(top), sources, keep_ego)
+
+
+def _load(root: str | Path, frame_id: str, sources: Collection[str] = ()) -> Field:
     unknown = set(sources) - set(SOURCES)
     if unknown:
         raise SensorError(f"unknown sources {sorted(unknown)}; known: {', '.join(SOURCES)}")
@@ -39,18 +59,44 @@ def read_frame(root: str | Path, frame_id: str, sources: Collection[str] = SOURC
     check_schema(top)
     if top["frame_id"].of(str) != frame_id:
         raise top["frame_id"].error(f"expected {frame_id!r} like the folder, found {top['frame_id'].value!r}")
-    ego, infra = (_read_agent(top, agent, sources) for agent in ("ego", "infra"))
+    return top
+
+
+def _record(top: Field, names: Collection[str], sources: Collection[str], keep_ego: bool) -> Record:
+    units = _units(top)
+    ego = _read_agent(top, top["ego"], EGO, sources)
+    views = {name: _read_agent(top, units[name], "infra", sources) for name in names}
     labels = read_labels(top)
     labels = labels if keep_ego else labels.select(~centre_in_ego(labels.boxes))
-    return Frame(frame_id, top["time_s"].number(), ego, infra, labels)
+    return Record(top["frame_id"].of(str), top["time_s"].number(), ego, views, labels)
 
 
-def recorded_sources(root: str | Path, frame_id: str) -> set[str]:
-    """The sensors whose data a frame has."""
-    top = Field.load(frame_dir(root, frame_id) / FRAME_FILE)
+def _units(top: Field) -> dict[str, Field]:
+    """The roadside units of a record of any schema version, by name, in their order."""
+    if check_schema(top) == 1:
+        return {FIRST_UNIT: top["infra"]}
+    units: dict[str, Field] = {}
+    for entry in top["roadside_units"]:
+        name = entry["name"].build(check_unit_name, entry["name"].of(str))
+        if name in units:
+            raise entry["name"].error(f"{name!r} occurs twice; the names of roadside units differ")
+        units[name] = entry
+    return units
+
+
+def _chosen(top: Field, unit: str | None) -> str | None:
+    units = _units(top)
+    return (top["infra"] if FIRST_UNIT in top.value else top["roadside_units"]).build(chosen_unit, units, unit)
+
+
+def recorded_sources(root: str | Path, frame_id: str, unit: str | None = None) -> set[str]:
+    """The sensors whose data a frame has; of the roadside units the one that ``read_frame`` would take."""
+    top = _load(root, frame_id)
+    name = _chosen(top, unit)
+    agents = {EGO: top["ego"]} | ({} if name is None else {"infra": _units(top)[name]})
     found = set()
-    for agent in ("ego", "infra"):
-        camera, lidar = top[agent]["camera"], top[agent]["lidar"]
+    for agent, entry in agents.items():
+        camera, lidar = entry["camera"], entry["lidar"]
         found |= {f"{agent}_camera"} if camera and camera.get("image") else set()
         found |= {f"{agent}_lidar"} if lidar else set()
     return found
@@ -97,8 +143,7 @@ def _hits(field: Field) -> np.ndarray:
     return hits
 
 
-def _read_agent(top: Field, agent: str, sources: Collection[str]) -> AgentView:
-    entry = top[agent]
+def _read_agent(top: Field, entry: Field, agent: str, sources: Collection[str]) -> AgentView:
     pose = entry["world_from_agent"].build(check_upright, entry["world_from_agent"].pose())
     camera, image, depth = _read_camera(top, entry["camera"], f"{agent}_camera" in sources)
     scan, points = _read_lidar(top, entry["lidar"], f"{agent}_lidar" in sources)

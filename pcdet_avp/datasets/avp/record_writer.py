@@ -1,4 +1,4 @@
-"""Writing a ``Frame`` to disk: the same frame gives the same bytes."""
+"""Writing records to disk: the same record gives the same bytes."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import os
 import shutil
 import uuid
 import zlib
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -20,9 +21,10 @@ from pcdet_avp.datasets.avp.checks import (
     check_upright,
 )
 from pcdet_avp.datasets.avp.fields import write_record_json
-from pcdet_avp.datasets.avp.image_files import encode_depth, encode_image
+from pcdet_avp.datasets.avp.image_files import encode_depth, encode_image, is_jpeg
 from pcdet_avp.datasets.avp.layout import FRAME_FILE, PARTIAL_SUFFIX, POINT_LIST, RANGE_IMAGE, SCHEMA_VERSION, frame_dir
 from pcdet_avp.datasets.avp.scan_codec import encode_scan
+from pcdet_avp.datasets.avp.units import EGO, Record, check_unit_name
 from pcdet_avp.errors import GeometryError, RecordError
 from pcdet_avp.structures.frame import AgentView, Frame, Labels
 from pcdet_avp.structures.lidar_scan import LidarScan
@@ -32,19 +34,30 @@ Files = dict[str, bytes]  # name -> content, in the order of writing
 
 
 def write_frame(root: str | Path, frame: Frame) -> int:
-    """Write one frame below ``root``, replacing an older one of the same id. Returns the bytes it takes.
+    """Write one frame, its roadside unit under the name ``infra``; see ``write_record``."""
+    return write_record(root, Record.of(frame))
 
-    RecordError, and nothing is written, where ``read_frame`` would refuse it.
+
+def write_record(root: str | Path, record: Record, images: Mapping[str, bytes] | None = None) -> int:
+    """Write one record below ``root``, replacing an older one of the same id. Returns the bytes it takes.
+
+    ``images``: the PNG or JPEG files that images of the record were decoded from, by the agent's name (``ego`` or a
+    unit's); they are stored as they are, not encoded anew. RecordError, and nothing is written, where ``read_record``
+    would refuse it.
     """
-    folder = frame_dir(root, frame.frame_id)
+    folder = frame_dir(root, record.frame_id)
     files: Files = {}
+    given = images or {}
     content = {
         "schema_version": SCHEMA_VERSION,
-        "frame_id": frame.frame_id,
-        "time_s": _checked(frame, "", check_time, frame),
-        "ego": _agent(frame, "ego", files),
-        "infra": _agent(frame, "infra", files),
-        "labels": _labels(_checked(frame, "", check_labels, frame.labels)),
+        "frame_id": record.frame_id,
+        "time_s": _checked(record, "", check_time, record.time_s),
+        "ego": _agent(record, EGO, record.ego, files, given.get(EGO)),
+        "roadside_units": [
+            {"name": _checked(record, "", check_unit_name, name), **_agent(record, name, view, files, given.get(name))}
+            for name, view in record.units.items()
+        ],
+        "labels": _labels(_checked(record, "", check_labels, record.labels)),
     }
     content["files"] = {n: {"bytes": len(data), "crc32": f"{zlib.crc32(data):08x}"} for n, data in files.items()}
     return _write_folder(folder, files, content)
@@ -87,28 +100,27 @@ def _beside(folder: Path) -> Path:
     return folder.with_name(f".{folder.name}.{uuid.uuid4().hex}{PARTIAL_SUFFIX}")
 
 
-def _checked(frame: Frame, what: str, check, *args):
+def _checked(record: Record, what: str, check, *args):
     try:
         return check(*args)
     except GeometryError as error:
-        raise RecordError(f"frame {frame.frame_id}: {what}{error}") from error
+        raise RecordError(f"frame {record.frame_id}: {what}{error}") from error
 
 
-def _agent(frame: Frame, agent: str, files: Files) -> dict:
-    pose = getattr(frame, agent).world_from_agent
+def _agent(record: Record, agent: str, view: AgentView, files: Files, image: bytes | None) -> dict:
+    pose = view.world_from_agent
     return {
-        "world_from_agent": _matrix(_checked(frame, f"{agent}.world_from_agent: ", check_upright, pose)),
-        "camera": _camera(frame, agent, files),
-        "lidar": _lidar(frame, agent, files),
+        "world_from_agent": _matrix(_checked(record, f"{agent}.world_from_agent: ", check_upright, pose)),
+        "camera": _camera(record, agent, view, files, image),
+        "lidar": _lidar(record, agent, view, files),
     }
 
 
-def _camera(frame: Frame, agent: str, files: Files) -> dict | None:
-    view: AgentView = getattr(frame, agent)
+def _camera(record: Record, agent: str, view: AgentView, files: Files, image: bytes | None) -> dict | None:
     camera = view.camera
     if camera is None:
         if view.image is not None or view.depth is not None:
-            raise RecordError(f"frame {frame.frame_id}: {agent}: an image or a depth map without its camera")
+            raise RecordError(f"frame {record.frame_id}: {agent}: an image or a depth map without its camera")
         return None
     entry: dict[str, Any] = {
         **{key: int(getattr(camera, key)) for key in ("width", "height")},
@@ -117,25 +129,25 @@ def _camera(frame: Frame, agent: str, files: Files) -> dict | None:
         "image": None,
         "depth": None,
     }
-    for key, array, check, encode, name in (
-        ("image", view.image, check_image, encode_image, f"{agent}_camera.png"),
-        ("depth", view.depth, check_depth, encode_depth, f"{agent}_depth.png"),
+    picture = f"{agent}_camera.{'jpg' if image is not None and is_jpeg(image) else 'png'}"
+    for key, array, check, encode, name, given in (
+        ("image", view.image, check_image, encode_image, picture, image),
+        ("depth", view.depth, check_depth, encode_depth, f"{agent}_depth.png", None),
     ):
         if array is not None:
-            checked = _checked(frame, f"{agent}.{key}: ", check, array, camera.height, camera.width)
-            entry[key], files[name] = name, encode(checked)
+            checked = _checked(record, f"{agent}.{key}: ", check, array, camera.height, camera.width)
+            entry[key], files[name] = name, encode(checked) if given is None else given
     return entry
 
 
-def _lidar(frame: Frame, agent: str, files: Files) -> dict | None:
-    view: AgentView = getattr(frame, agent)
+def _lidar(record: Record, agent: str, view: AgentView, files: Files) -> dict | None:
     if view.scan is not None:
         name = f"{agent}_lidar.scan.zst"
         files[name] = encode_scan(view.scan)
         return {"format": RANGE_IMAGE, "file": name, **_model(view.scan)}
     if view.points is not None:
         name = f"{agent}_lidar.bin"
-        files[name] = _checked(frame, f"{agent}.points: ", check_points, view.points).tobytes()
+        files[name] = _checked(record, f"{agent}.points: ", check_points, view.points).tobytes()
         return {"format": POINT_LIST, "file": name}
     return None
 

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 MAX_MEDIAN_DISTANCE_M = 300.0  # no LiDAR has half of its returns beyond
+# Where a floor is looked for, and what it takes: no vehicle's roof, no distant slope, and no handful of points.
+FLOOR_RING_M, FLOOR_HEIGHTS_M, FLOOR_STEP_M = (3.0, 25.0), (-12.0, 4.0), 0.2
+FLOOR_POINTS, FLOOR_SHARE = 200, 1 / 3
 SCALE_HINT = "--intensity_scale S divides by S"
 
 
@@ -23,6 +26,23 @@ class Cloud:
     layout: str
     dropped: int = 0
     height_m: float | None = None
+
+
+def floor_depth_m(points: np.ndarray) -> float | None:
+    """How far below the origin of points (P, >=3) the floor seems to lie, metres; None where none is to be seen.
+
+    It is the lowest height at which many points lie together: at least a third as many as at the height with the most,
+    in steps of 0.2 m, among those 3 to 25 m away.
+    """
+    distance = np.hypot(points[:, 0], points[:, 1])
+    heights = points[(distance > FLOOR_RING_M[0]) & (distance < FLOOR_RING_M[1]), 2]
+    edges = np.arange(*FLOOR_HEIGHTS_M, FLOOR_STEP_M)
+    counts, _ = np.histogram(heights, edges)
+    if counts.sum() < FLOOR_POINTS:
+        return None
+    lowest = edges[np.argmax(counts >= FLOOR_SHARE * counts.max())]
+    near = heights[(heights > lowest - FLOOR_STEP_M) & (heights < lowest + 2 * FLOOR_STEP_M)]
+    return -float(np.median(near))
 
 
 def finite_rows(rows: np.ndarray) -> np.ndarray:

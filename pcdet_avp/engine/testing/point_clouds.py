@@ -16,7 +16,7 @@ from pcdet_avp.datasets.avp.avp_dataset import AvpDataset
 from pcdet_avp.datasets.avp.collate import collate, load_batch
 from pcdet_avp.datasets.avp.network_input import NetworkInput
 from pcdet_avp.datasets.avp.prepare import prepare
-from pcdet_avp.datasets.point_clouds.cloud import Cloud
+from pcdet_avp.datasets.point_clouds.cloud import Cloud, floor_depth_m
 from pcdet_avp.datasets.point_clouds.read import EXTENSIONS, read_cloud
 from pcdet_avp.engine.testing.pictures import above_scores
 from pcdet_avp.errors import RecordError
@@ -32,6 +32,7 @@ from pcdet_avp.visualization.video import write_picture
 
 VEHICLE_LIDAR = SensorSet(ego_camera=False, ego_lidar=True, infra_camera=False, infra_lidar=False)
 WIDTH_PX = 1600
+FLOOR_TOLERANCE_M = 0.5  # between where the floor seems to be and where it is taken to be
 
 
 def cloud_files(path: Path) -> list[Path]:
@@ -81,9 +82,19 @@ class CloudReading:
         cloud = read_cloud(file, self.columns, self.intensity_scale)
         heights = (self.lidar_height_m, cloud.height_m, self.vehicle_lidar_height_m)
         height = next(h for h in heights if h is not None)
+        self._doubt(file, cloud, height, logger)
         dropped = f", {cloud.dropped} rows with NaN or infinite values dropped" if cloud.dropped else ""
         logger.info(f"{file.name}: {len(cloud.points)} points as {cloud.layout}; {height:g} m above the floor{dropped}")
         return cloud_frame(name, cloud, height)
+
+    def _doubt(self, file: Path, cloud: Cloud, height: float, logger: logging.Logger) -> None:
+        """Warn where the cloud's own floor contradicts a height that the user has not given."""
+        depth = floor_depth_m(cloud.points)
+        if self.lidar_height_m is None and depth is not None and abs(depth - height) > FLOOR_TOLERANCE_M:
+            logger.warning(
+                f"{file.name}: the floor seems to lie {depth:.1f} m below the origin, not {height:g} m: what is found "
+                f"then means nothing. --lidar_height_m {max(depth, 0):.1f} says so"
+            )
 
 
 def show_clouds(

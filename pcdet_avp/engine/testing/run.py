@@ -11,9 +11,11 @@ from typing import Any
 from torch import nn
 
 from pcdet_avp.datasets import build_dataset, has_split
+from pcdet_avp.deploy.runtime import TORCH
 from pcdet_avp.engine import checkpoint
 from pcdet_avp.engine.distributed import Ranks
 from pcdet_avp.engine.testing.detect import benchmark, detect, driving_thresholds, existing_combos
+from pcdet_avp.engine.testing.exported import load_exported
 from pcdet_avp.engine.testing.roadside_gain import roadside_gains
 from pcdet_avp.evaluation.benchmark_table import render
 from pcdet_avp.evaluation.detections_file import write_detections, write_texts
@@ -83,24 +85,32 @@ def run_test(
     workers: int = 0,
     wire: bool = False,
     started: float | None = None,
+    runtime: str = TORCH,
 ) -> BenchmarkResult:
-    """Evaluate a checkpoint on a split; ``wire`` sends every roadside map through encoded bytes."""
+    """Evaluate a checkpoint on a split; ``wire`` sends every roadside map through encoded bytes.
+
+    With another runtime than torch, ``path`` is the folder of an exported network.
+    """
     dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split=split, logger=logger)
-    model, content = load_network(cfg, path, dataset, ranks, logger)
+    if runtime == TORCH:
+        model, content = load_network(cfg, path, dataset, ranks, logger)
+        content["weights_hash"] = checkpoint.weights_hash(content["model_state"])
+    else:
+        model, content = load_exported(cfg, path, runtime)
     combos = existing_combos(dataset, combos, "--combos", logger)
     found = detect(model, dataset, combos, ranks, batch_size, workers, Wire(model.codec) if wire else None)
     rows, texts = benchmark(dataset, found, content.get(THRESHOLDS_KEY))
     seed = content.get("sampler", {}).get("seed")
-    weights = checkpoint.weights_hash(content["model_state"])
-    meta = provenance(cfg, config_name, seed=seed, weights_hash=weights, started=started)
+    meta = provenance(cfg, config_name, seed=seed, weights_hash=content["weights_hash"], started=started)
     gains = roadside_gains(dataset, found.detections)
     return BenchmarkResult(meta | _about(path, content, dataset, wire), rows, texts, found.detections, gains)
 
 
 def _about(path: Path, content: Mapping[str, Any], dataset: Any, wire: bool) -> dict[str, Any]:
     return {
-        "checkpoint": Path(path).name,
-        "iterations": content.get("it"),
+        "checkpoint": content.get("checkpoint") or Path(path).name,
+        "runtime": content.get("runtime") or TORCH,
+        "iterations": content.get("it", content.get("iterations")),
         "trained_minutes": round(content["elapsed_s"] / 60, 1) if "elapsed_s" in content else None,
         "split": dataset.split,
         "frames": len(dataset),

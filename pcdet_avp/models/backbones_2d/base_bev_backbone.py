@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from pcdet_avp.errors import ConfigError, GeometryError
 from pcdet_avp.models.memory_layout import for_convolutions
-from pcdet_avp.models.norm import make_norm
+from pcdet_avp.models.norm import make_norm, norm_relu
 from pcdet_avp.registry import BACKBONES_2D
 
 
@@ -57,7 +57,19 @@ class BaseBEVBackbone(nn.Module):
         return torch.cat(scales, 1)
 
 
-def conv_stage(inputs: int, outputs: int, layers: int, stride: int, norm: str) -> nn.Sequential:
+class ConvStage(nn.Sequential):
+    """Convolutions, each with norm and ReLU behind it, which are computed in one where that serves."""
+
+    def forward(self, x: Tensor) -> Tensor:
+        layers = list(self)
+        if isinstance(layers[0], nn.Identity):
+            del layers[0]
+        for conv, norm in zip(layers[0::3], layers[1::3], strict=True):
+            x = norm_relu(norm, conv(x))
+        return x
+
+
+def conv_stage(inputs: int, outputs: int, layers: int, stride: int, norm: str) -> ConvStage:
     """One strided 3x3 convolution and ``layers`` more; each with norm and ReLU.
 
     The first place, where OpenPCDet pads, is kept for the names' sake; the convolution pads.
@@ -66,16 +78,16 @@ def conv_stage(inputs: int, outputs: int, layers: int, stride: int, norm: str) -
     for i in range(layers + 1):
         conv = nn.Conv2d(outputs if i else inputs, outputs, 3, stride=1 if i else stride, padding=1, bias=False)
         modules += [conv, make_norm(norm, outputs), nn.ReLU(inplace=True)]
-    return nn.Sequential(*modules)
+    return ConvStage(*modules)
 
 
-def upsample(inputs: int, outputs: int, stride: float, norm: str) -> nn.Sequential:
+def upsample(inputs: int, outputs: int, stride: float, norm: str) -> ConvStage:
     """Enlarge a map ``stride`` times without overlap, or shrink it where the stride is below 1."""
     if stride >= 1:
         conv = nn.ConvTranspose2d(inputs, outputs, round(stride), stride=round(stride), bias=False)
     else:
         conv = nn.Conv2d(inputs, outputs, round(1 / stride), stride=round(1 / stride), bias=False)
-    return nn.Sequential(conv, make_norm(norm, outputs), nn.ReLU(inplace=True))
+    return ConvStage(conv, make_norm(norm, outputs), nn.ReLU(inplace=True))
 
 
 def _common_stride(layers: list, strides: list, filters: list, ups: list, up_filters: list) -> int:

@@ -114,7 +114,7 @@ def deformable_sum(values: Tensor, places: Tensor, scores: Tensor) -> Tensor:
     """
     with torch.autocast(values.device.type, enabled=False):
         values, places, scores = (full_precision(t) for t in (values, places, scores))
-        if torch.is_grad_enabled():
+        if torch.is_grad_enabled() or torch.compiler.is_compiling():  # GridSample is what ONNX has
             return _sum_of_samples(values, places, scores)
         return _bag_sum(values, places, scores)
 

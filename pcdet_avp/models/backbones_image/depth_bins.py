@@ -48,7 +48,7 @@ class DepthBins:
         return cls(str(cfg["MODE"]), int(cfg["NUM_BINS"]), float(near), float(far))
 
     def position(self, depth: Tensor) -> Tensor:
-        """Continuous bin position of depths in metres; outside [0, count) where the depth is outside the bins."""
+        """Continuous bin positions of depths in metres (any shape); outside [0, count) beyond the bins."""
         n, near, far = self.count, self.near_m, self.far_m
         if self.mode == "UD":
             return (depth - near) * (n / (far - near))

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from torch import Tensor, nn
-from torch.nn import functional as F
 
-from pcdet_avp.models.norm import make_norm
+from pcdet_avp.models.norm import make_norm, norm_relu
 
 
 class DepthHead(nn.Module):
@@ -18,4 +17,4 @@ class DepthHead(nn.Module):
         self.classify = nn.Conv2d(mid_channels, num_bins + 1, 1)
 
     def forward(self, features: Tensor) -> Tensor:
-        return self.classify(F.relu(self.norm(self.conv(features))))
+        return self.classify(norm_relu(self.norm, self.conv(features)))

@@ -14,7 +14,7 @@ from torch.nn import functional as F
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.models.backbones_image.resnet import DEPTHS, IMAGENET_MEAN, IMAGENET_STD, ResNet
 from pcdet_avp.models.memory_layout import for_convolutions
-from pcdet_avp.models.norm import drop_foreign_norms, make_norm
+from pcdet_avp.models.norm import drop_foreign_norms, make_norm, norm_relu
 
 STRIDE = 4  # image pixels per side of a feature pixel
 STEM_KINDS = ("conv", "patches")
@@ -62,7 +62,7 @@ class FeaturePyramid(nn.Module):
         x = self.lateral[-1](stages[-1])
         for lateral, stage in zip(self.lateral[-2::-1], stages[-2::-1], strict=True):
             x = lateral(stage) + F.interpolate(x, size=stage.shape[-2:], mode="bilinear", align_corners=False)
-        return F.relu(self.norm(self.smooth(x)))
+        return norm_relu(self.norm, self.smooth(x))
 
 
 def _resnet(model_cfg: Any, norm: str) -> ResNet:

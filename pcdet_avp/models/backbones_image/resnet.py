@@ -9,7 +9,7 @@ from torch.nn import functional as F
 
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.models.memory_layout import for_convolutions
-from pcdet_avp.models.norm import make_norm
+from pcdet_avp.models.norm import make_norm, norm_relu
 
 # Blocks per stage and kind of block, by the depth of the published networks.
 DEPTHS = {18: ((2, 2, 2, 2), "basic"), 34: ((3, 4, 6, 3), "basic"), 50: ((3, 4, 6, 3), "bottleneck")}
@@ -53,7 +53,7 @@ class ResNet(nn.Module):
     def _stem(self, images: Tensor) -> Tensor:
         if self.patch_stem is not None:
             return self.patch_stem(images)
-        return F.max_pool2d(F.relu(self.bn1(self.conv1(images))), 3, stride=2, padding=1)
+        return F.max_pool2d(norm_relu(self.bn1, self.conv1(images)), 3, stride=2, padding=1)
 
 
 class PatchStem(nn.Module):
@@ -68,7 +68,7 @@ class PatchStem(nn.Module):
     def forward(self, images: Tensor) -> Tensor:
         below, right = (-n % PATCH for n in images.shape[2:])
         patches = F.pixel_unshuffle(F.pad(images, (0, right, 0, below)), PATCH)
-        return F.relu(self.norm(self.conv(for_convolutions(patches))))
+        return norm_relu(self.norm, self.conv(for_convolutions(patches)))
 
 
 class BasicBlock(nn.Module):
@@ -85,9 +85,9 @@ class BasicBlock(nn.Module):
         self.downsample = _shortcut(inputs, width, stride, norm)
 
     def forward(self, x: Tensor) -> Tensor:
-        out = F.relu(self.bn1(self.conv1(x)))
-        out = self.bn2(self.conv2(out))
-        return F.relu(out + (x if self.downsample is None else self.downsample(x)))
+        shortcut = x if self.downsample is None else self.downsample(x)
+        out = norm_relu(self.bn1, self.conv1(x))
+        return norm_relu(self.bn2, self.conv2(out), shortcut)
 
 
 class Bottleneck(nn.Module):
@@ -107,10 +107,10 @@ class Bottleneck(nn.Module):
         self.downsample = _shortcut(inputs, outputs, stride, norm)
 
     def forward(self, x: Tensor) -> Tensor:
-        out = F.relu(self.bn1(self.conv1(x)))
-        out = F.relu(self.bn2(self.conv2(out)))
-        out = self.bn3(self.conv3(out))
-        return F.relu(out + (x if self.downsample is None else self.downsample(x)))
+        shortcut = x if self.downsample is None else self.downsample(x)
+        out = norm_relu(self.bn1, self.conv1(x))
+        out = norm_relu(self.bn2, self.conv2(out))
+        return norm_relu(self.bn3, self.conv3(out), shortcut)
 
 
 BLOCKS = {"basic": BasicBlock, "bottleneck": Bottleneck}

@@ -40,8 +40,14 @@ class MapCodec(nn.Module):
         if x.shape[2] % self.pooling or x.shape[3] % self.pooling:
             raise ConfigError(f"COMPRESSION: a map of {tuple(x.shape[2:])} cells cannot be pooled by 2 x 2")
         with torch.autocast(x.device.type, enabled=False):
-            latent, loss = self.sparsify(F.max_pool2d(self.reduce(full_precision(x)), self.pooling))
+            latent, loss = self.sparsify(F.max_pool2d(self._reduce(full_precision(x)), self.pooling))
             return round_to(latent, self.precision) + 0.0, loss  # + 0.0: no negative zeros
+
+    def _reduce(self, x: Tensor) -> Tensor:
+        """``reduce``, summed in float64: then rounding to float32 hides who added in which order, and a map gives the
+        same bytes with any number of threads, memory layout and runtime."""
+        weight = self.reduce.weight.flatten(1).double()
+        return (x.double().permute(0, 2, 3, 1) @ weight.T).to(x.dtype).permute(0, 3, 1, 2)
 
     def latent_shape(self, height: int, width: int) -> tuple[int, int, int]:
         """(C / 8, H / 2, W / 2) of a map of this many rows and columns."""

@@ -37,11 +37,15 @@ class CellThreshold(nn.Module):
         if self.kind == "learned":
             self.log_length = nn.Parameter(torch.tensor(math.log(float(model_cfg.get("INITIAL_LENGTH", 0.1)))))
 
+    def length(self) -> Tensor:
+        """The learned length t, a scalar."""
+        return self.log_length.exp()
+
     def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
         """x (B, C, H, W) -> the same with cells set to zero, and the loss of each sample (B,)."""
         if self.kind == "rate":
             return longest_cells(x, min(self.target, self.max_share)), x.new_zeros(len(x))
-        power, length = x.square().sum(1, keepdim=True), self.log_length.exp()
+        power, length = x.square().sum(1, keepdim=True), self.length()
         kept = power > length.square()
         shrink = 1 - length / torch.where(kept, power, 1).sqrt()
         excess = (kept.float().mean((1, 2, 3)) - self.target).clamp_min(0)

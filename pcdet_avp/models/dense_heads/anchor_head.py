@@ -11,6 +11,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from pcdet_avp.errors import ConfigError, GeometryError
+from pcdet_avp.models.dense_heads import decode_kernel
 from pcdet_avp.models.dense_heads.anchors import AnchorClass, lay_out
 from pcdet_avp.models.dense_heads.box_coder import decode, direction_class, encode, turn_into_sector
 from pcdet_avp.models.dense_heads.losses import box_loss, shared_normaliser, sigmoid_focal_loss
@@ -105,6 +106,8 @@ class AnchorHeadSingle(nn.Module):
 
     def decode(self, codes: Tensor, directions: Tensor | None) -> Tensor:
         """Codes (B, A, 7) and direction logits (B, A, bins) -> boxes (B, A, 7)."""
+        if decode_kernel.fits(codes, directions, self.anchors):
+            return decode_kernel.decode(codes, directions, self.anchors, self.direction_offset)
         boxes = decode(codes, self.anchors)
         if directions is None:
             return boxes

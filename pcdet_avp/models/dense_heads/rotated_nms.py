@@ -6,11 +6,10 @@ at once and the same survivors follow from a few matrix products.
 
 from __future__ import annotations
 
-import numpy as np
 import torch
 from torch import Tensor
 
-from pcdet_avp.structures.rotated_iou import bev_iou
+from pcdet_avp.structures.rotated_iou import suppress
 
 
 def rotated_nms(boxes: Tensor, scores: Tensor, threshold: float, pre_max: int, post_max: int) -> Tensor:
@@ -20,19 +19,15 @@ def rotated_nms(boxes: Tensor, scores: Tensor, threshold: float, pre_max: int, p
     of equal scores the earlier row is the better one.
     """
     order = scores.sort(descending=True, stable=True).indices[:pre_max]
-    suppress = nms_on_gpu if boxes.is_cuda else nms_on_cpu
-    return order[suppress(boxes[order], threshold)[:post_max]]
+    if boxes.is_cuda:
+        return order[nms_on_gpu(boxes[order], threshold)[:post_max]]
+    return order[nms_on_cpu(boxes[order], threshold, post_max)]
 
 
-def nms_on_cpu(boxes: Tensor, threshold: float) -> Tensor:
-    """Rows of boxes (N, 7), sorted by falling score, that survive."""
-    pool = boxes.detach().numpy().astype(np.float64)
-    waiting, keep = np.arange(len(pool)), []
-    while len(waiting):
-        keep.append(waiting[0])
-        overlap = bev_iou(pool[waiting[:1]], pool[waiting[1:]])[0]
-        waiting = waiting[1:][overlap <= threshold]
-    return torch.tensor(keep, dtype=torch.int64)
+def nms_on_cpu(boxes: Tensor, threshold: float, post_max: int | None = None) -> Tensor:
+    """Rows of boxes (N, 7), sorted by falling score, that survive; None: all of them."""
+    most = len(boxes) if post_max is None else post_max
+    return torch.from_numpy(suppress(boxes.detach().numpy(), threshold, most))
 
 
 def nms_on_gpu(boxes: Tensor, threshold: float) -> Tensor:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from pcdet_avp.errors import ConfigError
 from pcdet_avp.models.dense_heads.rotated_nms import rotated_nms
+from pcdet_avp.models.thresholds import per_class
 from pcdet_avp.structures.ego import overlaps_ego
 from pcdet_avp.structures.rotated_iou import iou_3d
 
@@ -55,15 +55,6 @@ class PostProcessing:
         boxes, scores = boxes[above], scores[above]
         keep = rotated_nms(boxes, scores, self.max_overlaps[k], self.pre_max, self.post_max)
         return boxes[keep], scores[keep], torch.full_like(keep, k + 1)
-
-
-def per_class(value: float | Mapping[str, float], class_names: Sequence[str], key: str) -> list[float]:
-    """One number for all classes, or a mapping from class names, as a list in the order of ``class_names``."""
-    if not isinstance(value, Mapping):
-        return [float(value)] * len(class_names)
-    if set(value) != set(class_names):
-        raise ConfigError(f"POST_PROCESSING.{key}: expected {', '.join(class_names)}, found {', '.join(value)}")
-    return [float(value[name]) for name in class_names]
 
 
 def count_recalled(found: Sequence[dict], gt_boxes: Tensor | None, overlaps: Sequence[float]) -> dict[str, int]:

@@ -8,8 +8,8 @@ import numpy as np
 import torch
 from torch import nn
 
-from pcdet_avp.errors import LinkError
 from pcdet_avp.link import LatentMap, MapStamp
+from pcdet_avp.link.units import by_source
 from pcdet_avp.models.compression.map_packets import MapPacker, as_latents, precisions
 from pcdet_avp.structures.pose import Pose
 from pcdet_avp.structures.sensor_set import modality_of
@@ -82,14 +82,3 @@ class VehicleHalf:
             source: torch.zeros(len(pose), dtype=torch.int64, device=like.device) for source, pose in poses.items()
         }
         return {"latents": latents, "ego_from_sender": poses, "map_samples": samples}
-
-
-def by_source(maps: Collection[LatentMap]) -> dict[str, list[LatentMap]]:
-    """Maps of each roadside source, by their senders' numbers; LinkError where a unit has two of one source."""
-    found: dict[str, list[LatentMap]] = {}
-    for known in sorted(maps, key=lambda known: (known.stamp.modality, known.stamp.sender)):
-        of_units = found.setdefault(f"infra_{known.stamp.modality}", [])
-        if of_units and of_units[-1].stamp.sender == known.stamp.sender:
-            raise LinkError(f"unit {known.stamp.sender}: two {known.stamp.modality} maps at once, expected its newest")
-        of_units.append(known)
-    return found

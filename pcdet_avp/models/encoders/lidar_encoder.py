@@ -35,6 +35,10 @@ class LidarEncoder(BevEncoder):
         self.map_to_bev_module = MAP_TO_BEV[to_bev.NAME](model_cfg=to_bev, grid_size=grid_size)
 
     def encode_present(self, batch_dict: dict, source: str, rows: Tensor) -> tuple[Tensor, Tensor, dict]:
+        """Clouds of the samples ``rows`` (R,) -> map (R, C, H, W) on the agent's grid, mask (R, 1, H, W) bool, losses.
+
+        The mask is all true, since a LiDAR's map is defined everywhere; there is no loss of its own.
+        """
         points = rows_of(batch_dict["points" + suffix_of(source)], rows, int(batch_dict["batch_size"]))
         features, coords = self.vfe.encode(points, len(rows))
         x = self.map_to_bev_module.scatter(features, coords, len(rows))

@@ -33,12 +33,13 @@ class ChannelAdaFusion(MapFuser):
         nn.init.uniform_(self.weights.weight, 1.0 / slots, 3.0 / slots)
 
     def fuse(self, maps: Maps, masks: Masks) -> Tensor:
+        """Maps (B, C, H, W) by slot, masks (B, 1, H, W) bool -> their weighted average (B, C, H, W)."""
         pooled = [descriptors(X, masks[i]) for i, X in maps.items()]
         map_max, map_avg = (torch.stack(column, 1) for column in zip(*pooled, strict=True))
         return self._weighted_sum(self.map_weights(list(maps), map_max, map_avg), maps, masks)
 
     def fuse_statistics(self, stats: PooledStatistics, maps: Maps, masks: Masks) -> Tensor:
-        """As ``fuse``, where the maps' statistics are known already."""
+        """``fuse`` from statistics that are known already: X_max, X_avg (B, C, H, W), map_max, map_avg (B, n maps)."""
         return self._weighted_sum(self.map_weights(list(maps), stats.map_max, stats.map_avg), maps, masks)
 
     def map_weights(self, slots: list[int], map_max: Tensor, map_avg: Tensor) -> Tensor:

@@ -28,7 +28,11 @@ class MapFuser(nn.Module):
             spatial_features (B, C, H, W), zero where no source is present
         """
         maps, masks = slots_of(batch_dict["bev_maps"], batch_dict["bev_valid"])
-        return {**batch_dict, "spatial_features": self.fuse(maps, masks)}
+        return {**batch_dict, "spatial_features": self.fuse_visible(maps, masks)}
+
+    def fuse_visible(self, maps: Maps, masks: Masks) -> Tensor:
+        """``fuse`` of maps that may hold anything, even NaN, where they are absent."""
+        return self.fuse({slot: hide(maps[slot], mask) for slot, mask in masks.items()}, masks)
 
     def fuse(self, maps: Maps, masks: Masks) -> Tensor:
         """One map (B, C, H, W) from those present."""
@@ -36,15 +40,14 @@ class MapFuser(nn.Module):
 
 
 def slots_of(bev_maps: dict[str, Tensor], bev_valid: dict[str, Tensor]) -> tuple[Maps, Masks]:
-    """The maps in the order of SOURCES, whatever order they came in; masked values, even NaN, become zero."""
+    """The maps and masks in the order of SOURCES, whatever order they came in."""
     if not bev_maps:
         raise SensorError("fusion: no feature map from any of the four sources")
     unknown = set(bev_maps) - set(SOURCES)
     if unknown:
         raise SensorError(f"fusion: unknown sources {sorted(unknown)}; known: {', '.join(SOURCES)}")
     masks = {slot: bev_valid[source].bool() for slot, source in enumerate(SOURCES) if source in bev_maps}
-    maps = {slot: hide(bev_maps[SOURCES[slot]], mask) for slot, mask in masks.items()}
-    return maps, masks
+    return {slot: bev_maps[SOURCES[slot]] for slot in masks}, masks
 
 
 def union(masks: Masks) -> Tensor:

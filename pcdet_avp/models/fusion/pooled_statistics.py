@@ -35,7 +35,12 @@ def hide(X: Tensor, mask: Tensor) -> Tensor:
 
 
 def cleared(X: Tensor, mask: Tensor) -> Tensor:
-    """``torch.where(mask, X, 0)`` for a mask with fewer channels than X, bit by bit, which is faster on a CPU."""
+    """``torch.where(mask, X, 0)`` for a mask with fewer channels than X, bit by bit, which is faster on a CPU.
+
+    Where the operations are recorded it is ``where``: the view as integers has no word in ONNX.
+    """
+    if torch.compiler.is_compiling():
+        return torch.where(mask, X, 0)
     bits = BITS[X.element_size()]
     return torch.bitwise_and(X.view(bits), mask.to(bits).neg_()).view(X.dtype)
 

@@ -17,6 +17,7 @@ class AverageFusion(MapFuser):
         super().__init__()
 
     def fuse(self, maps: Maps, masks: Masks) -> Tensor:
+        """Maps (B, C, H, W) by slot, masks (B, 1, H, W) bool -> X_avg (B, C, H, W), zero where no map is present."""
         return pooled_statistics([*maps.values()], [*masks.values()]).X_avg
 
 
@@ -28,4 +29,5 @@ class MaxFusion(MapFuser):
         super().__init__()
 
     def fuse(self, maps: Maps, masks: Masks) -> Tensor:
+        """Maps (B, C, H, W) by slot, masks (B, 1, H, W) bool -> X_max (B, C, H, W), zero where no map is present."""
         return pooled_statistics([*maps.values()], [*masks.values()]).X_max

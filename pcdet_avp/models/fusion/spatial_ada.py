@@ -23,10 +23,11 @@ class SpatialAdaFusion(MapFuser):
         self.conv = TwoMapConv3d()
 
     def fuse(self, maps: Maps, masks: Masks) -> Tensor:
+        """Maps (B, C, H, W) by slot, masks (B, 1, H, W) bool -> (B, C, H, W), >= 0, zero where none is present."""
         return self.fuse_statistics(pooled_statistics([*maps.values()], [*masks.values()]), masks)
 
     def fuse_statistics(self, stats: PooledStatistics, masks: Masks) -> Tensor:
-        """As ``fuse``, where the maps' statistics are known already."""
+        """``fuse`` from statistics that are known already: X_max, X_avg (B, C, H, W), map_max, map_avg (B, n maps)."""
         return self.conv(stats.X_max, stats.X_avg).relu() * union(masks)
 
 

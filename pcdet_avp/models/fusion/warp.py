@@ -57,7 +57,7 @@ def warp(X: Tensor, mask: Tensor, ego_from_infra: Tensor, grid: BevGrid) -> tupl
 
 
 def resample(X: Tensor, mask: Tensor, cols: Tensor, rows: Tensor) -> tuple[Tensor, Tensor]:
-    """``warp`` with the ``infra_cells`` of a pose."""
+    """``warp`` with a pose's ``infra_cells``: cols and rows (B, H, W) float64, in cells of the infra grid."""
     if usable(X):
         return kernels.resample(X, mask, cols, rows, MIN_PRESENT_SHARE)
     B, C, H, W = X.shape

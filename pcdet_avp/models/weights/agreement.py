@@ -14,12 +14,19 @@ import torch
 from torch import Tensor, nn
 
 from pcdet_avp.errors import CheckpointError, ConfigError
-from pcdet_avp.models.weights.meaning import CODE_KEY, DEFAULTS, Difference, below, differences, meaning_of
+from pcdet_avp.models.weights.meaning import (
+    CODE_KEY,
+    DEFAULTS,
+    Difference,
+    below,
+    differences,
+    meaning_of,
+    refusal,
+    some_of,
+)
 
 MEANING_KEY = "meaning"  # of a checkpoint: what its weights mean, see ``meaning_of``
 IGNORE_KEY = "IGNORE_CONFIG"  # of MODEL: keys and sections in which a checkpoint may differ; --ignore_config sets it
-SHOWN = 3  # differences that a message spells out
-KEYS_NAMED = 8
 CARRIED = "_extra_state"  # name that torch gives to what a module stores beside its tensors
 
 
@@ -95,7 +102,7 @@ def check_meaning(
     _check_ignored(ours.ignored, {*theirs, *ours.values})
     _refuse([one for one in found if not _accepted(one, ours, content["model_state"])], path)
     if found:
-        logger.warning("%s: used although %s", path, _some(found))
+        logger.warning("%s: used although %s", path, some_of(found))
 
 
 def _accepted(difference: Difference, ours: NetworkMeaning, tensors: Collection[str]) -> bool:
@@ -106,9 +113,7 @@ def _accepted(difference: Difference, ours: NetworkMeaning, tensors: Collection[
 
 def _refuse(refused: list[Difference], path: str | os.PathLike) -> None:
     if refused:
-        keys = " ".join(one.key for one in refused[:KEYS_NAMED]) + (" ..." if len(refused) > KEYS_NAMED else "")
-        why = f"{_some(refused)}; its weights would be taken for something else. To use them all the same: "
-        raise foreign_weights(path, f"{why}--ignore_config {keys}")
+        raise foreign_weights(path, refusal(refused))
 
 
 def foreign_weights(path: str | os.PathLike, difference: str) -> CheckpointError:
@@ -121,11 +126,6 @@ def check_shape(key: str, found: tuple[int, ...] | None, expected: tuple[int, ..
     if found != expected:
         has = "is missing" if found is None else f"has shape {found}"
         raise foreign_weights(path, f"{key} {has}, this network expects {expected}")
-
-
-def _some(found: list[Difference]) -> str:
-    more = f", and {len(found) - SHOWN} more" if len(found) > SHOWN else ""
-    return "; ".join(map(str, found[:SHOWN])) + more
 
 
 def _check_ignored(ignored: Iterable[str], keys: Collection[str]) -> None:

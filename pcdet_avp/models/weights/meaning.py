@@ -9,7 +9,7 @@ is new cannot be forgotten here.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +17,8 @@ from pcdet_avp.config import plain
 
 NETWORK_CODE = 1  # raised whenever the code computes something else from the same weights and configuration
 CODE_KEY = "NETWORK_CODE"
+SHOWN = 3  # differences that a message spells out
+KEYS_NAMED = 8
 
 # Sections and keys that say how data are made, how the network is trained and how its boxes are filtered.
 FREE = (
@@ -28,6 +30,7 @@ FREE = (
     "DATA_CONFIG.GENERATE",
     "DATA_CONFIG.POINT_FEATURE_ENCODING.encoding_type",
     "DATA_CONFIG.POINT_FEATURE_ENCODING.src_feature_list",
+    "DATA_CONFIG.ROADSIDE_UNIT",
     "DATA_CONFIG.ROADSIDE_UNITS",
     "DATA_CONFIG.SENSOR_SET",
     "DATA_CONFIG.TRAIN_SENSOR_SETS",
@@ -147,6 +150,19 @@ def differences(theirs: Mapping[str, Any], ours: Mapping[str, Any]) -> list[Diff
     keys = [key for key in sorted({*theirs, *ours}) if all(key.partition(".")[0] in known for known in tops)]
     pairs = [Difference(key, _value(theirs, key), _value(ours, key)) for key in keys]
     return [pair for pair in pairs if not _same(pair.theirs, pair.ours)]
+
+
+def refusal(found: Sequence[Difference]) -> str:
+    """The rest of a message about a file whose weights mean something else: what differs, and how to insist."""
+    keys = " ".join(one.key for one in found[:KEYS_NAMED]) + (" ..." if len(found) > KEYS_NAMED else "")
+    why = "its weights would be taken for something else. To use them all the same"
+    return f"{some_of(found)}; {why}: --ignore_config {keys}"
+
+
+def some_of(found: Sequence[Difference]) -> str:
+    """The first differences in words."""
+    more = f", and {len(found) - SHOWN} more" if len(found) > SHOWN else ""
+    return "; ".join(map(str, found[:SHOWN])) + more
 
 
 def below(key: str, sections: Iterable[str]) -> bool:

@@ -38,13 +38,13 @@ class Profile:
         self.roof_drop = (0.035 + 0.015 * taper) * spec.height
 
     def half_width(self, x: np.ndarray) -> np.ndarray:
-        """Widest half width of the body at x (plan view)."""
+        """Widest half width (m) of the body at x (n,), in m forward of the car's centre."""
         front = np.clip((x - (self.length / 2 - 1.0)) / 1.0, 0, 1) ** 2.6 * self.shape.front_taper
         rear = np.clip((-self.length / 2 + 0.8 - x) / 0.8, 0, 1) ** 2.6 * self.shape.rear_taper
         return self.half * (1 - front - rear)
 
     def shoulder(self, x: np.ndarray) -> np.ndarray:
-        """Height of the belt, the bonnet's edge and the boot's edge at x."""
+        """Height of the belt, the bonnet's edge and the boot's edge (m above the floor) at x (n,) in m."""
         s, h, half = self.shape, self.height, self.length / 2
         belt = np.interp(x, [self.tail_glass, self.cowl], [s.deck_z * h, s.cowl_z * h - 0.03]) + self.belt_shift
         forward = np.clip((x - self.cowl) / (half - self.cowl), 0, 1)
@@ -53,7 +53,7 @@ class Profile:
         return belt - 0.07 * np.exp(-(half - np.abs(x)) / 0.10)
 
     def arch(self, x: np.ndarray) -> np.ndarray:
-        """Height of the sill at x, raised to the wheel arches' edge."""
+        """Height of the sill (m above the floor) at x (n,) in m, raised to the wheel arches' edge."""
         reach = self.radius + ARCH_GAP_M
         z = np.full_like(x, self.floor + 0.03)
         for axle in (self.front_axle, self.rear_axle):
@@ -63,7 +63,7 @@ class Profile:
         return z
 
     def roof(self, x: np.ndarray) -> np.ndarray:
-        """Height of the greenhouse's top at x: rear window, roof, windscreen."""
+        """Height of the greenhouse's top (m above the floor) at x (n,) in m: rear window, roof, windscreen."""
         h = self.height
         at = [self.tail_glass, self.roof_end, self.roof_end * 0.5 + self.screen_top * 0.5, self.screen_top, self.cowl]
         up = [self.shape.deck_z * h, h - self.roof_drop, h, h - 0.035, self.shape.cowl_z * h - 0.01]

@@ -50,23 +50,46 @@ def creased_normals(vertices: np.ndarray, faces: np.ndarray, crease: float) -> n
     normals = np.empty((len(faces), 3, 3), np.float32)
     for f in range(len(faces)):
         for k in range(3):
-            total = np.zeros(3)
+            x = y = z = 0.0
             for n in range(starts[faces[f, k]], starts[faces[f, k] + 1]):
                 g = around[n]
                 if unit[f, 0] * unit[g, 0] + unit[f, 1] * unit[g, 1] + unit[f, 2] * unit[g, 2] > limit:
-                    total += weighted[g]
-            length = np.sqrt((total * total).sum())
-            normals[f, k] = (total / length if length > 1e-12 else np.array([0.0, 0.0, 1.0])).astype(np.float32)
+                    x, y, z = x + weighted[g, 0], y + weighted[g, 1], z + weighted[g, 2]
+            length = np.sqrt(x * x + y * y + z * z)
+            if length > 1e-12:
+                normals[f, k, 0], normals[f, k, 1], normals[f, k, 2] = x / length, y / length, z / length
+            else:
+                normals[f, k, 0], normals[f, k, 1], normals[f, k, 2] = 0.0, 0.0, 1.0
     return normals
+
+
+@numba.njit(cache=True)
+def proper_faces(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Indices of the faces that are not degenerate."""
+    unit = face_normals(vertices, faces)
+    return np.flatnonzero((unit[:, 0] != 0) | (unit[:, 1] != 0) | (unit[:, 2] != 0))
 
 
 def painted(vertices, faces, colors, materials, crease: float = 0.7) -> Mesh:
     """A mesh with a colour and a material per face and creased normals; degenerate faces are dropped."""
     vertices, faces = np.asarray(vertices, np.float32).reshape(-1, 3), np.asarray(faces, np.int32)
-    keep = np.linalg.norm(face_normals(vertices, faces), axis=1) > 0.5
-    faces, colors = faces[keep], np.broadcast_to(np.asarray(colors, np.float32), (len(keep), 3))[keep]
-    materials = np.broadcast_to(np.asarray(materials, np.uint8), (len(keep),))[keep].copy()
-    return Mesh(vertices, faces, colors.copy(), materials, creased_normals(vertices, faces, crease))
+    keep = proper_faces(vertices, faces)
+    colors, materials = np.asarray(colors, np.float32), np.asarray(materials, np.uint8)
+    colors = colors[keep] if colors.ndim == 2 else np.repeat(colors[None], len(keep), 0)
+    materials = materials[keep] if materials.ndim else np.full(len(keep), materials)
+    faces = faces[keep]
+    return Mesh(vertices, faces, colors, materials, creased_normals(vertices, faces, crease))
+
+
+def painted_all(vertices: np.ndarray, faces: np.ndarray, colors, materials, crease: float = 0.7) -> Mesh:
+    """``painted`` for N parts at once that touch nowhere: vertices (N, V, 3), faces (N, F, 3) of each part's own
+    vertices, and what each part's faces look like, colors (F, 3) or (3,), materials (F,) or one."""
+    parts, first = len(vertices), np.arange(len(vertices), dtype=np.int32) * vertices.shape[1]
+    faces = (faces + first[:, None, None]).reshape(-1, 3)
+    colors, materials = np.asarray(colors, np.float32), np.asarray(materials, np.uint8)
+    colors = np.tile(colors, (parts, 1)) if colors.ndim == 2 else colors
+    materials = np.tile(materials, parts) if materials.ndim else materials
+    return painted(vertices.reshape(-1, 3), faces, colors, materials, crease)
 
 
 def quad(a, b, c, d, color, material: Material) -> Mesh:

@@ -12,6 +12,7 @@ from embreex.rtcore_scene import EmbreeScene
 from pcdet_avp.sim.meshes.mesh import Mesh
 from pcdet_avp.sim.rays.ray_cache import StandingViews
 
+Sphere = tuple[float, float, float, float]  # centre and radius
 MOST_CONES = 48  # a scene of more instances is asked about every ray
 
 
@@ -27,7 +28,7 @@ class TriangleScene:
         counts = [len(mesh.faces) for mesh, _ in parts]
         self.instance = np.repeat(np.array([number for _, number in parts], np.int32), counts)
         self.colors, self.materials, self.normals = self.mesh.colors, self.mesh.materials, self.mesh.normals
-        self._spheres = np.array([_bounding_sphere(mesh) for mesh, _ in parts], np.float32).reshape(-1, 4)
+        self._spheres = np.array([bounding_sphere(mesh) for mesh, _ in parts], np.float32).reshape(-1, 4)
         self.standing = StandingViews()
         self._embree = EmbreeScene()
         if len(self.mesh.faces):
@@ -62,7 +63,7 @@ class TriangleScene:
         return self._embree.run(origins, directions, dists=limits, query="OCCLUDED") == 0
 
 
-def _bounding_sphere(mesh: Mesh) -> tuple[float, float, float, float]:
+def bounding_sphere(mesh: Mesh) -> Sphere:
     """Centre and radius about the middle of the mesh's box, a little too large."""
     low, high = mesh.vertices.min(0), mesh.vertices.max(0)
     centre = (low + high) / 2

@@ -26,7 +26,8 @@ class JunctionMap:
     def obstructs(self, vehicles: np.ndarray) -> np.ndarray:
         """Mask (N,) of vehicles (N, 7) in the map's frame that may yet come into the conflict zone."""
         on_road = _inside(vehicles, self.drivable) & ~_inside(vehicles, self.slots)
-        return on_road & ~self._has_cleared(vehicles)
+        on_road[on_road] = ~self._has_cleared(vehicles[on_road])
+        return on_road
 
     def _has_cleared(self, vehicles: np.ndarray) -> np.ndarray:
         """Wholly beyond the swath, or wholly before it on the entering side and facing down the side road."""

@@ -13,6 +13,7 @@ from pcdet_avp.sim.actors import Actor
 from pcdet_avp.sim.garage import GarageLayout
 from pcdet_avp.sim.render.lights import Lighting
 from pcdet_avp.sim.scenarios.junction_map import JunctionMap
+from pcdet_avp.sim.trajectories import Path
 from pcdet_avp.sim.world import World
 from pcdet_avp.structures.ego import EGO_LENGTH_M
 
@@ -34,7 +35,13 @@ class Threat:
 
 @dataclass(frozen=True, eq=False)
 class Scenario:
-    """One episode's blueprint, in the world frame; the ego drives along its lane towards +x."""
+    """One episode's blueprint, in the world frame.
+
+    The ego drives along its lane towards +x, or along ``ego_path``. Where it is, is said by the way of its centre: x on
+    the lane, the distance from the path's start on a path. All ``_x`` of the ego's way are meant so. The ego frame
+    faces where the ego drives to. ``reversing``: that is where its tail points, so its body and its sensors are turned
+    by 180 degrees in that frame, and "front" is the end that goes ahead, in the law, the crash and all measures.
+    """
 
     name: str
     trial: int
@@ -49,11 +56,17 @@ class Scenario:
     end_x: float  # where the ego's front is when it has passed every threat
     junction: JunctionMap | None = None  # None: vehicles are ignored
     max_lateral_acceleration_mps2: float = 0.0  # m/s2, of the vehicle on rails
+    ego_path: Path | None = None
+    reversing: bool = False
+
+    def ego_pose(self, way_m: float) -> tuple[float, float, float]:
+        """x, y (m) and yaw (rad) of the ego frame after a way."""
+        return (way_m, self.layout.lane_y, 0.0) if self.ego_path is None else self.ego_path.at(way_m)
 
     def world(self) -> World:
         """A garage at time 0 with every road user in place and the ego at its start."""
-        world = World(self.layout, self.actors, self.lighting)
-        world.set_ego(self.ego_start_x, self.layout.lane_y, 0.0)
+        world = World(self.layout, self.actors, self.lighting, self.reversing)
+        world.set_ego(*self.ego_pose(self.ego_start_x))
         return world
 
 

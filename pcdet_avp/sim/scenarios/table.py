@@ -14,6 +14,9 @@ from functools import partial
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.extensions import find_entry
 from pcdet_avp.sim.layouts import GarageConfig
+from pcdet_avp.sim.scenarios.cpnco import CpncoConfig, cpnco_episode
+from pcdet_avp.sim.scenarios.cpra import CpraConfig, cpra_episode
+from pcdet_avp.sim.scenarios.cpta import CptaConfig, cpta_episode
 from pcdet_avp.sim.scenarios.crossing import CrossingConfig, crossing_episode
 from pcdet_avp.sim.scenarios.junction import JunctionConfig, junction_episode
 from pcdet_avp.sim.scenarios.scenario import Scenario
@@ -78,6 +81,11 @@ _KINDS = (
         title="T-junction, arrival +-1 s",
         paper_table="IV",
     ),
+    ScenarioKind(
+        "cpnco", partial(cpnco_episode, CpncoConfig()), title="Euro NCAP CPNCO, child from behind parked cars"
+    ),
+    ScenarioKind("cpra", partial(cpra_episode, CpraConfig()), title="Euro NCAP CPRA, reversing out of a slot"),
+    ScenarioKind("cpta", partial(cpta_episode, CptaConfig()), title="Euro NCAP CPTA, pedestrian at the exit of a turn"),
 )
 SCENARIOS: dict[str, ScenarioKind] = {kind.name: kind for kind in _KINDS}
 

@@ -22,9 +22,13 @@ def draw_parked(rng: np.random.Generator, layout: GarageLayout, occupancy: float
     slots = [slot for slot in layout.slots if rng.random() < occupancy]
     specs = [draw_car(rng) for _ in slots]
     return {
-        slot: Car(number, spec, _parked_pose(rng, slot, spec))
-        for number, (slot, spec) in enumerate(zip(slots, specs, strict=True))
+        slot: parked_in(rng, slot, spec, number) for number, (slot, spec) in enumerate(zip(slots, specs, strict=True))
     }
+
+
+def parked_in(rng: np.random.Generator, slot: Slot, spec: CarSpec, object_id: int) -> Car:
+    """A car that stands in a slot."""
+    return Car(object_id, spec, _parked_pose(rng, slot, spec))
 
 
 def _parked_pose(rng: np.random.Generator, slot: Slot, spec: CarSpec) -> Standing:

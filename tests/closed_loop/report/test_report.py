@@ -184,3 +184,21 @@ def test_damaged_or_disagreeing_files_end_in_one_line(sweep):
         write_report(sweep)
     with pytest.raises(EvaluationError, match="cannot be read"):
         write_report(sweep / "nowhere")
+
+
+def test_rows_are_compared_trial_by_trial(tmp_path):
+    """C+none crashes in trials 0 to 7, C+CL in trial 0: seven discordant trials, all on one side."""
+    key = ("t_junction", "model")
+    cells = {(*key, "C+none", v): (8, 20) for v in (3.0, 4.0)} | {(*key, "C+CL", v): (1, 20) for v in (3.0, 4.0)}
+    text = write_report(write_sweep(tmp_path, cells)).read_text()
+    line = re.search(r"\| C\+CL / C\+none +\| 3 .*", text)[0]
+    assert [cell.strip() for cell in line.split("|")[2:-1]] == ["3", "20", "0", "7", "0.016", "+0.00"]
+    assert re.search(r"\| C\+CL / C\+none +\| at any +\| 20 ", text)
+
+
+def test_of_all_crashes_those_that_the_oracle_avoids(tmp_path):
+    cells = {("pedestrian", "los", "C+none", 8.0): (5, 20), ("pedestrian", "oracle", "any", 8.0): (2, 20)}
+    text = write_report(write_sweep(tmp_path, cells)).read_text()
+    assert "crashes that the oracle avoids" in text
+    assert "| 3/5" in text
+    assert "post-encroachment" not in text  # these files are older than the measures

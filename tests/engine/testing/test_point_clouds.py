@@ -37,3 +37,26 @@ def test_a_folder_without_clouds_and_a_missing_file_are_named(tmp_path):
     for path in (tmp_path, tmp_path / "none.bin"):
         with pytest.raises(RecordError, match=r"expected a point cloud, or a folder with \.bin or \.npy"):
             cloud_files(path)
+
+
+@pytest.mark.parametrize(
+    ("origin_m", "asked", "warned"), [(1.7, None, False), (0.33, None, True), (3.0, None, True), (0.33, 0.33, False)]
+)
+def test_a_floor_that_contradicts_the_assumed_height_is_named(tmp_path, caplog, origin_m, asked, warned):
+    """A flat floor and a wall, seen from another height than the vehicle's 1.9 m (Argoverse: the rear axle's)."""
+    rng = np.random.default_rng(0)
+    floor = np.c_[rng.uniform(-20, 20, (2000, 2)), rng.normal(-origin_m, 0.02, 2000)]
+    wall = np.c_[np.full(900, 12.0), rng.uniform(-8, 8, 900), rng.uniform(-origin_m, 3.0, 900)]
+    np.c_[np.r_[floor, wall], np.full(2900, 0.5)].astype("<f4").tofile(tmp_path / "a.bin")
+    CloudReading(4, None, asked, 1.9).read(tmp_path / "a.bin", "a", logging.getLogger("test"))
+    said = [record.message for record in caplog.records if record.levelno == logging.WARNING]
+    assert len(said) == warned
+    if warned:
+        assert f"floor seems to lie {origin_m:.1f} m below the origin, not 1.9 m" in said[0]
+        assert f"--lidar_height_m {origin_m:.1f}" in said[0]
+
+
+def test_without_a_floor_nothing_is_said(tmp_path, caplog):
+    CLOUD.tofile(tmp_path / "a.bin")
+    CloudReading(4, None, None, 9.0).read(tmp_path / "a.bin", "a", logging.getLogger("test"))
+    assert not [record for record in caplog.records if record.levelno == logging.WARNING]

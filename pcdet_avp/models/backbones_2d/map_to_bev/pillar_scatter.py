@@ -24,6 +24,7 @@ class PillarScatter(nn.Module):
         self.width, self.height = int(grid_size[0]), int(grid_size[1])
 
     def forward(self, batch_dict: dict) -> dict:
+        """pillar_features (N, C), voxel_coords (N, 4), batch_size -> adds spatial_features (B, C, H, W), ego grid."""
         features, coords = batch_dict["pillar_features"], batch_dict["voxel_coords"].long()
         batch_dict["spatial_features"] = self.scatter(features, coords, int(batch_dict["batch_size"]))
         return batch_dict
@@ -32,5 +33,5 @@ class PillarScatter(nn.Module):
         """features (N, C), coords (N, 4) -> (B, C, H, W), channels last in memory."""
         cell = (coords[:, 0] * self.height + coords[:, 2]) * self.width + coords[:, 3]
         canvas = features.new_zeros(batch_size * self.height * self.width, features.shape[1])
-        canvas = canvas.index_copy(0, cell, features)
+        canvas.index_copy_(0, cell, features)
         return canvas.view(batch_size, self.height, self.width, canvas.shape[1]).permute(0, 3, 1, 2)

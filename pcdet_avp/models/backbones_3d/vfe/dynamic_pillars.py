@@ -8,7 +8,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from pcdet_avp.errors import ConfigError, SensorError
+from pcdet_avp.errors import ConfigError
+from pcdet_avp.models.backbones_3d.vfe import pillar_kernel
 from pcdet_avp.models.backbones_3d.vfe.openpcdet_pillars import OpenPCDetPillars
 from pcdet_avp.models.backbones_3d.vfe.segment_max import segment_max
 from pcdet_avp.models.norm import BATCH_NORM
@@ -58,15 +59,19 @@ class DynamicPillars(nn.Module):
         )
 
     def get_output_feature_dim(self) -> int:
+        """Channels of pillar_features; OpenPCDet asks its VFE for them."""
         return self.pfn_layers[-1].linear.out_features
 
     def forward(self, batch_dict: dict) -> dict:
+        """points (P, 1 + C) in metres, batch_size -> adds pillar_features (N, F) and voxel_coords (N, 4) int64."""
         features, coords = self.encode(batch_dict["points"], int(batch_dict["batch_size"]))
         batch_dict["pillar_features"], batch_dict["voxel_coords"] = features, coords
         return batch_dict
 
     def encode(self, points: Tensor, batch_size: int) -> tuple[Tensor, Tensor]:
         """points (P, 1 + C) -> pillar features (N, F), coordinates (N, 4) as in ``voxel_coords``."""
+        if pillar_kernel.fits(self, points):
+            return pillar_kernel.encode(self, points, batch_size)
         points = self._in_range(points)
         pillar_ids, cells = self._pillars(points, batch_size)
         x = self._decorate(points, pillar_ids, cells)
@@ -84,8 +89,7 @@ class DynamicPillars(nn.Module):
 
     def _in_range(self, points: Tensor) -> Tensor:
         if not torch.isfinite(points).all():
-            bad = int((~torch.isfinite(points)).any(1).sum())
-            raise SensorError(f"points: {bad} of {len(points)} rows hold NaN or infinite values")
+            pillar_kernel.check_finite(int((~torch.isfinite(points)).any(1).sum()), len(points))
         low, high = points.new_tensor(self.grid.range).split(3)
         xyz = points[:, 1:4]
         return points[((xyz >= low) & (xyz < high)).all(1)]

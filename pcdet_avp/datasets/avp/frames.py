@@ -1,0 +1,29 @@
+"""The frames of a data set on disk that a configuration may use. No torch here."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from pcdet_avp.datasets.avp.made_by import check_made_by
+from pcdet_avp.datasets.avp.manifest import MANIFEST_FILE, read_manifest
+from pcdet_avp.errors import RecordError
+
+
+def find_frames(root: Path, dataset_cfg: Mapping, class_names: Sequence[str], split: str) -> list[str]:
+    """Ids of the frames of a split, in order.
+
+    RecordError where the data set is unfinished, was made with other settings (DATA_CONFIG), lacks a class, or has no
+    frame in the split.
+    """
+    manifest, file = read_manifest(root), root / MANIFEST_FILE
+    if not manifest.complete:
+        raise RecordError(f"{file}: complete: the data set is unfinished; make the rest with tools/create_data.py")
+    check_made_by(manifest, dataset_cfg, root)
+    missing = [name for name in class_names if name not in manifest.class_names]
+    if missing:
+        raise RecordError(f"{file}: class_names: holds {list(manifest.class_names)}, but {missing[0]!r} is asked for")
+    frame_ids = manifest.frame_ids(split)
+    if not frame_ids:
+        raise RecordError(f"{file}: scenes: no frame in split {split!r}; frames: {manifest.frame_counts}")
+    return frame_ids

@@ -1,0 +1,117 @@
+"""Writes a foreign recording as a data set of ours. An interrupted import goes on where it stopped."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from tqdm import tqdm
+
+from pcdet_avp.datasets.avp.claim import claim
+from pcdet_avp.datasets.avp.fields import Field
+from pcdet_avp.datasets.avp.manifest import Manifest, Scene, write_manifest
+from pcdet_avp.datasets.avp.record import has_frame, write_record
+from pcdet_avp.datasets.avp.splits import SPLITS, assign_splits
+from pcdet_avp.datasets.importers.carla import CarlaRecording
+from pcdet_avp.datasets.importers.dair_v2x import DairV2x
+from pcdet_avp.datasets.importers.opv2v import Opv2v
+from pcdet_avp.datasets.importers.recording import Recording, SourceScene
+from pcdet_avp.errors import RecordError
+
+FORMATS: dict[str, Callable[[Path], Recording]] = {"opv2v": Opv2v, "dair_v2x": DairV2x, "carla": CarlaRecording}
+_UNNAMEABLE = re.compile(r"[^A-Za-z0-9_\-.]")
+
+
+def open_recording(format_name: str, src: Path) -> Recording:
+    """The recording below ``src``; RecordError where there is none of this format."""
+    return FORMATS[format_name](src)
+
+
+def import_recording(
+    recording: Recording,
+    format_name: str,
+    out: Path,
+    *,
+    splits: Mapping[str, str] | None = None,
+    seed: int = 0,
+    skip_missing: bool = False,
+) -> Manifest:
+    """Write every frame below ``out``, or those that an interrupted import left.
+
+    ``splits``: scene -> split, for every scene; without it the source's own count, and where it has none scenes are
+    drawn by ``seed`` (``assign_splits``). A file that is named and absent is a RecordError before anything is
+    written, or with ``skip_missing`` leaves its frame out. RecordError also where ``out`` holds something else.
+    """
+    scenes = [_with_files(scene, recording, skip_missing) for scene in recording.scenes]
+    scenes = [scene for scene in scenes if scene.frames]
+    if not scenes:
+        raise RecordError(f"{format_name}: no frame has all of its files")
+    manifest = _plan(scenes, recording.class_names, {"IMPORT": {"FORMAT": format_name}}, splits, seed)
+    claim(out, manifest)
+    total = sum(manifest.frame_counts.values())
+    with tqdm(total=total, unit="frame", desc=f"importing into {out}", smoothing=0.1) as bar:
+        for scene, source in zip(manifest.scenes, scenes, strict=True):
+            for frame_id, frame in zip(scene.frame_ids, source.frames, strict=True):
+                if not has_frame(out, frame_id):
+                    imported = recording.read(source.name, frame)
+                    write_record(out, replace(imported.record, frame_id=frame_id), imported.images)
+                bar.update()
+    manifest = replace(manifest, complete=True)
+    write_manifest(out, manifest)
+    return manifest
+
+
+def _with_files(scene: SourceScene, recording: Recording, skip_missing: bool) -> SourceScene:
+    """The scene without frames that lack a file; their absence is an error unless ``skip_missing``."""
+    absent = {frame: next((f for f in files if not f.exists()), None) for frame, files in scene.frames.items()}
+    lacking = [frame for frame, file in absent.items() if file is not None]
+    if lacking and not skip_missing:
+        raise RecordError(
+            f"{absent[lacking[0]]}: named by the recording, but absent; {len(lacking)} of {len(absent)} frames of "
+            f"scene {scene.name} lack a file (--skip_missing leaves such frames out)"
+        )
+    for frame in lacking:
+        recording.notes.add("frame left out, because a file is absent", str(absent[frame]))
+    return replace(scene, frames={frame: files for frame, files in scene.frames.items() if absent[frame] is None})
+
+
+def _plan(
+    scenes: Sequence[SourceScene],
+    class_names: tuple[str, ...],
+    made_by: dict,
+    splits: Mapping[str, str] | None,
+    seed: int,
+) -> Manifest:
+    drawn = assign_splits([scene.name for scene in scenes], seed)
+    named = [splits.get(s.name) if splits is not None else s.split or drawn[s.name] for s in scenes]
+    if None in named:
+        raise RecordError(f"the splits name no scene {scenes[named.index(None)].name!r}")
+    planned = tuple(
+        Scene(_name(scene.name), str(split), tuple(_name(frame) for frame in scene.frames))
+        for scene, split in zip(scenes, named, strict=True)
+    )
+    for names in ([scene.name for scene in planned], *(scene.frames for scene in planned)):
+        if len(set(names)) != len(names):
+            twice = next(name for name in names if list(names).count(name) > 1)
+            raise RecordError(f"two scenes, or two frames of a scene, would be called {twice!r}")
+    return Manifest(planned, complete=False, seed=seed, generator=made_by, class_names=class_names)
+
+
+def _name(name: str) -> str:
+    """A scene's or frame's name as our folders may have it."""
+    return _UNNAMEABLE.sub("-", name).lstrip(".") or "-"
+
+
+def read_splits(file: Path) -> dict[str, str]:
+    """scene -> split, of {"train": [scenes], "val": [...], "test": [...]}; in DAIR-V2X's file under ``batch_split``."""
+    top = Field.load(file)
+    lists = top["batch_split"] if "batch_split" in top.value else top
+    found: dict[str, str] = {}
+    for split in SPLITS:
+        for scene in lists.get(split, []):
+            name = str(scene.value)
+            if found.setdefault(name, split) != split:
+                raise scene.error(f"scene {name!r} stands in {found[name]} as well")
+    return found

@@ -1,0 +1,62 @@
+"""An exported network that is ready to run: its files and who computes them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcdet_avp.deploy.halves import Received, RoadsideHalf, Sample, VehicleHalf
+from pcdet_avp.deploy.manifest import Exported
+from pcdet_avp.deploy.network import Suppression
+from pcdet_avp.deploy.post_processing import Detected
+from pcdet_avp.deploy.runtime import Runtime
+from pcdet_avp.link.nr_v2x import NrV2xConfig
+
+
+@dataclass(frozen=True, eq=False)
+class Deployed:
+    """Makes the two halves, each with graphs of its own.
+
+    ``suppression``: thresholds of the vehicle's half in place of those that were exported.
+    """
+
+    exported: Exported
+    runtime: Runtime
+    suppression: Suppression | None = None
+
+    def roadside(self, max_segment_bytes: int, budget_bytes: int | None = None) -> RoadsideHalf:
+        """What runs at the mast."""
+        return RoadsideHalf(self.exported, self.runtime, max_segment_bytes, budget_bytes)
+
+    def vehicle(self) -> VehicleHalf:
+        """What runs in the vehicle."""
+        return VehicleHalf(self.exported, self.runtime, self.suppression)
+
+    @property
+    def name(self) -> str:
+        """``onnxruntime 1.32.0``"""
+        return f"{self.runtime.name} {self.runtime.version}"
+
+
+class BothHalves:
+    """Both halves in one process, for tests and tables: maps are handed over as arrays, not as bytes."""
+
+    def __init__(self, deployed: Deployed) -> None:
+        self._roadside, self._vehicle = deployed.roadside(NrV2xConfig().max_segment_bytes), deployed.vehicle()
+
+    def latents(self, sample: Sample) -> dict[str, np.ndarray]:
+        """By source, the compressed map (c, h, w) of each roadside sensor that the sample has."""
+        return self._roadside.latents(sample)
+
+    def detect(self, sample: Sample, latents: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Detected:
+        """Detections from the vehicle's sensors and, by source, what arrived: values (c, h, w), present (h, w) bool."""
+        pose = np.asarray(sample["ego_from_infra"])
+        received = {source: Received(values, present, pose) for source, (values, present) in latents.items()}
+        return self._vehicle.post_process(self._vehicle.run(sample, received))
+
+    def detect_alone(self, sample: Sample) -> Detected:
+        """Detections where every map arrives whole."""
+        latents = self.latents(sample)
+        return self.detect(sample, {source: (one, np.ones(one.shape[1:], bool)) for source, one in latents.items()})

@@ -1,0 +1,86 @@
+"""The two halves of a network as a program at the mast and one in the vehicle use them, whoever computes.
+
+Both take a sample as ``datasets.avp.prepare`` makes it (numpy, one frame). torch is imported only where it computes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+from collections.abc import Callable, Collection, Mapping
+from typing import Any, Protocol
+
+import numpy as np
+
+from pcdet_avp.deploy.runtime import TORCH
+from pcdet_avp.errors import ConfigError
+from pcdet_avp.link import LatentMap
+from pcdet_avp.models.export.opened import open_deployed
+from pcdet_avp.structures.pose import Pose
+
+Sample = Mapping[str, Any]
+logger = logging.getLogger(__name__)
+
+
+class Roadside(Protocol):
+    """Sensors to segments."""
+
+    def segments(
+        self, sample: Sample, frame_id: int, time_us: int, world_from_infra: Pose, sender: int = 0
+    ) -> dict[str, list[bytes]]:
+        """source -> segments of one frame's map; of the sample only the roadside's sensors are read."""
+        ...
+
+
+class Vehicle(Protocol):
+    """Sensors and received maps to boxes. ``shape`` (c, h, w) is that of a map on the air."""
+
+    shape: tuple[int, int, int]
+
+    def detect(self, sample: Sample, world_from_ego: Pose, maps: Collection[LatentMap]) -> dict[str, np.ndarray]:
+        """pred_boxes (n, 7), pred_scores (n,), pred_labels (n,) in the ego frame."""
+        ...
+
+
+def open_roadside(args: argparse.Namespace, cfg: Mapping, max_segment_bytes: int, budget_bytes: int) -> Roadside:
+    """The roadside's half for ``--runtime`` with ``--ckpt`` or ``--exported``."""
+    if args.runtime != TORCH:
+        return open_deployed(args.exported, args.runtime, cfg).roadside(max_segment_bytes, budget_bytes)
+    from pcdet_avp.models.detectors.split_inference import RoadsideHalf
+
+    half = RoadsideHalf(_network(args, cfg), max_segment_bytes, budget_bytes)
+    return _InTorch(segments=half.segments)
+
+
+def open_vehicle(args: argparse.Namespace, cfg: Mapping) -> Vehicle:
+    """The vehicle's half for ``--runtime`` with ``--ckpt`` or ``--exported``."""
+    if args.runtime != TORCH:
+        return open_deployed(args.exported, args.runtime, cfg).vehicle()
+    from pcdet_avp.models.detectors.split_inference import VehicleHalf
+
+    half = VehicleHalf(_network(args, cfg))
+    return _InTorch(detect=lambda *inputs: {key: value.numpy() for key, value in half.detect(*inputs).items()},
+                    shape=half.shape)  # fmt: skip
+
+
+class _InTorch:
+    """A half of ``models.detectors.split_inference`` that is given samples instead of batches."""
+
+    def __init__(self, shape: tuple[int, int, int] | None = None, **calls: Callable) -> None:
+        from pcdet_avp.datasets.avp.collate import collate, load_batch
+
+        self.shape = shape
+        for name, call in calls.items():
+            setattr(self, name, lambda sample, *rest, call=call: call(load_batch(collate([sample]), "cpu"), *rest))
+
+
+def _network(args: argparse.Namespace, cfg: Mapping) -> Any:
+    """The network in torch, with the weights of ``--ckpt``."""
+    if args.ckpt is None:
+        raise ConfigError(f"--runtime {TORCH} needs --ckpt FILE")
+    from pcdet_avp.datasets.avp.network_input import NetworkInput
+    from pcdet_avp.engine import distributed
+    from pcdet_avp.engine.testing.run import load_network
+
+    network_input = NetworkInput.from_config(cfg["DATA_CONFIG"], cfg["CLASS_NAMES"])
+    return load_network(cfg, args.ckpt, network_input, distributed.start(device="cpu"), logger)[0]

@@ -1,0 +1,84 @@
+"""Group norm, a shortcut where there is one, and ReLU: one pass that measures and one that writes, in place."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from pcdet_avp.models.cpu_kernels.dispatch import OPTIONS, array_of, cells_last, usable
+
+CHUNK_PIXELS = 128  # summed in single precision, everything above in double
+
+
+def fits(norm: nn.Module, x: Tensor, shortcut: Tensor | None) -> bool:
+    """Whether ``norm_relu`` serves: group norm of a map whose channels lie side by side in memory."""
+    if type(norm) is not nn.GroupNorm or not norm.affine or x.dim() != 4 or not x.numel():
+        return False
+    maps = (x,) if shortcut is None else (x, shortcut)
+    return usable(*maps, norm.weight) and x.is_contiguous(memory_format=torch.channels_last)
+
+
+def norm_relu(norm: nn.GroupNorm, x: Tensor, shortcut: Tensor | None) -> Tensor:
+    """relu(norm(x) + shortcut), (B, C, H, W) each; x is overwritten."""
+    cells = cells_last(x)
+    added = cells if shortcut is None else cells_last(shortcut)
+    weight, bias = array_of(norm.weight), array_of(norm.bias)
+    for sample in range(len(cells)):
+        rows, more = (a[sample].reshape(-1, cells.shape[3]) for a in (cells, added))
+        scale, shift = affine(rows, weight, bias, norm.num_groups, norm.eps)
+        scale_and_relu(rows, scale, shift, more, shortcut is not None)
+    return x
+
+
+@numba.njit(**OPTIONS)
+def affine(rows, weight, bias, groups, eps):
+    """Scale and shift (C,) that group norm amounts to, for rows (pixels, C).
+
+    Sums are of differences to the first pixel, so that a mean far from zero costs no digits of the variance.
+    """
+    pixels, channels = rows.shape
+    pivot = rows[0].copy()
+    sums, squares = np.zeros(channels), np.zeros(channels)
+    part, part_squares = np.empty(channels, np.float32), np.empty(channels, np.float32)
+    for start in range(0, pixels, CHUNK_PIXELS):
+        part[:] = 0
+        part_squares[:] = 0
+        for pixel in range(start, min(start + CHUNK_PIXELS, pixels)):
+            for c in range(channels):
+                difference = rows[pixel, c] - pivot[c]
+                part[c] += difference
+                part_squares[c] += difference * difference
+        for c in range(channels):
+            sums[c] += part[c]
+            squares[c] += part_squares[c]
+    scale, shift, size = np.empty(channels, np.float32), np.empty(channels, np.float32), channels // groups
+    for first in range(0, channels, size):
+        mean = 0.0
+        for c in range(first, first + size):
+            mean += (pivot[c] + sums[c] / pixels) / size
+        variance = 0.0
+        for c in range(first, first + size):
+            from_mean = pivot[c] + sums[c] / pixels - mean
+            variance += ((squares[c] - sums[c] * sums[c] / pixels) / pixels + from_mean * from_mean) / size
+        # No maximum with zero, which would hide NaN; rounding below zero is far smaller than eps.
+        for c in range(first, first + size):
+            factor = weight[c] / np.sqrt(variance + eps)
+            scale[c], shift[c] = factor, bias[c] - mean * factor
+    return scale, shift
+
+
+@numba.njit(**OPTIONS)
+def scale_and_relu(rows, scale, shift, more, add):
+    """rows (pixels, C) become relu(rows * scale + shift), or with ``more`` added before, in place. NaN stays NaN."""
+    zero = np.float32(0)
+    for pixel in range(rows.shape[0]):
+        if add:
+            for c in range(rows.shape[1]):
+                value = rows[pixel, c] * scale[c] + shift[c] + more[pixel, c]
+                rows[pixel, c] = zero if value < zero else value
+        else:
+            for c in range(rows.shape[1]):
+                value = rows[pixel, c] * scale[c] + shift[c]
+                rows[pixel, c] = zero if value < zero else value

@@ -1,0 +1,44 @@
+"""An exported network opened for a configuration: refused where its weights mean something else. Imports no torch."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pcdet_avp.deploy.deployed import Deployed
+from pcdet_avp.deploy.manifest import MANIFEST, Exported
+from pcdet_avp.deploy.network import Suppression
+from pcdet_avp.deploy.runtime import open_runtime
+from pcdet_avp.errors import ExportError
+from pcdet_avp.models.thresholds import per_class
+from pcdet_avp.models.weights.meaning import below, differences, meaning_of, refusal, some_of
+
+logger = logging.getLogger(__name__)
+
+
+def open_deployed(folder: Path, runtime: str, cfg: Mapping, threads: int | None = None) -> Deployed:
+    """An exported network and its runtime; ExportError where it was exported for something else than ``cfg``.
+
+    Keys and sections that MODEL.IGNORE_CONFIG names may differ, as for checkpoints. Boxes are filtered as ``cfg`` says,
+    on which no weights depend.
+    """
+    exported = Exported.read(Path(folder))
+    found = differences(exported.meaning, meaning_of(cfg))
+    ignored = tuple(cfg["MODEL"].get("IGNORE_CONFIG") or ())
+    refused = [one for one in found if not below(one.key, ignored)]
+    if refused:
+        raise ExportError(f"{folder}/{MANIFEST}: made with another configuration: {refusal(refused)}")
+    if found:
+        logger.warning("%s: used although %s", folder, some_of(found))
+    suppression = configured_suppression(cfg["MODEL"]["POST_PROCESSING"], exported.network.class_names)
+    return Deployed(exported, open_runtime(runtime, threads), suppression)
+
+
+def configured_suppression(cfg: Any, class_names: Sequence[str]) -> Suppression:
+    """MODEL.POST_PROCESSING of a configuration, which no weights depend on."""
+    nms = cfg["NMS_CONFIG"]
+    scores = per_class(cfg["SCORE_THRESH"], class_names, "SCORE_THRESH")
+    overlaps = per_class(nms["NMS_THRESH"], class_names, "NMS_CONFIG.NMS_THRESH")
+    return Suppression(tuple(scores), tuple(overlaps), int(nms["NMS_PRE_MAXSIZE"]), int(nms["NMS_POST_MAXSIZE"]))

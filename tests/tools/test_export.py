@@ -1,0 +1,89 @@
+"""tools/export.py from the command line to the benchmark without torch."""
+
+import json
+import sys
+
+import pytest
+
+from pcdet_avp.commands import export, safety_eval
+from pcdet_avp.commands import test as test_command
+from pcdet_avp.engine import checkpoint
+from pcdet_avp.errors import ConfigError, ExportError
+from pcdet_avp.models.export import write
+
+CFG = "cfgs/avp/cp_tiny.yaml"
+
+
+@pytest.fixture
+def call(tmp_path, monkeypatch):
+    """``call(command, *arguments)`` in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(command, *arguments):
+        monkeypatch.setattr(sys, "argv", ["tool", "--cfg", CFG, *map(str, arguments)])
+        return command.main()
+
+    return run
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--runtime", "onnxruntime"), "--runtime onnxruntime needs --exported DIR"),
+        (("--exported", "x"), "--exported belongs to --runtime onnxruntime or openvino, found torch"),
+        (("--runtime", "openvino", "--exported", "x", "--ckpt", "y"), "--ckpt belongs to --runtime torch"),
+    ],
+)
+def test_arguments_that_do_not_belong_together(call, arguments, words):
+    with pytest.raises(ConfigError, match=words):
+        call(test_command, *arguments)
+    with pytest.raises(ConfigError, match=words):
+        call(safety_eval, *arguments, "--scenario", "t_junction", "--perception", "model")
+
+
+def test_a_runtime_belongs_to_the_network(call):
+    with pytest.raises(ConfigError, match=r"--runtime, .* belong to --perception model, found blind"):
+        call(
+            safety_eval, "--runtime", "openvino", "--exported", "x", "--scenario", "t_junction", "--perception", "blind"
+        )
+    given = ("--runtime", "onnxruntime", "--exported", "x", "--use_amp")
+    with pytest.raises(ConfigError, match="--use_amp belongs to --runtime torch, found onnxruntime"):
+        call(safety_eval, *given, "--scenario", "t_junction", "--perception", "model")
+
+
+def test_a_folder_that_is_no_export_is_named(call, trained):
+    pytest.importorskip("onnxruntime")
+    data = ("--set", "DATA_CONFIG.DATA_PATH", trained.dataset.root_path)
+    with pytest.raises(ExportError, match=r"nowhere/manifest.json: cannot be read"):
+        call(test_command, "--runtime", "onnxruntime", "--exported", "nowhere", "--workers", 0, *data)
+
+
+def test_the_manifest_names_checkpoint_and_precision(call, trained, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(write, "graph_of", lambda piece: b"graph")
+    monkeypatch.setattr(write, "compare", lambda piece, content: 0.0)
+    pytest.importorskip("onnx")
+    call(export, "--ckpt", trained.path, "--out", "out")
+    content = json.loads((tmp_path / "out" / "manifest.json").read_text())
+    assert (content["checkpoint"], content["precision"], content["opset"]) == ("random.pth", "float32", 20)
+    assert content["score_thresholds"] == {"Car": 0.1, "Pedestrian": 0.1}
+    assert content["weights_hash"] == checkpoint.weights_hash(trained.network.state_dict())
+    assert "15 files" in capsys.readouterr().out
+
+
+def test_the_benchmark_without_torch_is_near_torchs(call, trained, exported, tmp_path):
+    data = ("--set", "DATA_CONFIG.DATA_PATH", trained.dataset.root_path)
+    how = ("--combos", "C+CL", "--wire", "--workers", "0")
+    call(test_command, "--ckpt", trained.path, *how, "--json", "torch.json", *data)
+    call(test_command, "--runtime", "onnxruntime", "--exported", exported, *how, "--json", "onnx.json", *data)
+    torchs, ours = (json.loads((tmp_path / f"{name}.json").read_text()) for name in ("torch", "onnx"))
+    assert torchs["meta"]["runtime"] == "torch"
+    assert ours["meta"]["runtime"].startswith("onnxruntime 1.")
+    assert ours["meta"]["frames"] == torchs["meta"]["frames"]
+    for mine, theirs in zip(ours["rows"], torchs["rows"], strict=True):
+        assert mine["bytes_per_map"] == pytest.approx(theirs["bytes_per_map"], rel=0.02)
+        for name in ("Car", "Pedestrian"):
+            for overlap, ap in theirs[name]["overall"].items():
+                assert mine[name]["overall"][overlap] == pytest.approx(ap, abs=0.5)
+    assert (
+        tmp_path / "output" / "avp" / "cp_tiny" / "default" / "eval" / "tiny" / "test" / "onnxruntime_wire"
+    ).is_dir()
