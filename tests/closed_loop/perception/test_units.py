@@ -25,7 +25,7 @@ from pcdet_avp.structures.sensor_set import SENSOR_SETS, SensorSet
 
 ROOT = Path(__file__).parents[3]
 CFG = load_config(ROOT / "cfgs" / "avp" / "cp_tiny.yaml")
-SCENARIO, KEY = SimpleNamespace(name="test", trial=3), (5, 1)
+SCENARIO, KEY = SimpleNamespace(name="test", trial=3, reversing=False), (5, 1)
 TICK_S = 0.05
 MAST = MountedUnit(0.0, 0.0, 7.0, np.pi, np.pi / 6)
 ASIDE = MountedUnit(-45.0, 1.0, 7.0, 0.3, np.pi / 6)  # looks at the mast, over the ego
