@@ -27,7 +27,7 @@ from pcdet_avp.structures.pose import Pose
 from pcdet_avp.structures.sensor_set import SENSOR_SETS, SOURCES, SensorSet
 
 CFG = load_config(Path(__file__).parents[3] / "cfgs" / "avp" / "cp_tiny.yaml")
-SCENARIO, KEY = SimpleNamespace(name="test", trial=3), (5, 1)
+SCENARIO, KEY = SimpleNamespace(name="test", trial=3, reversing=False), (5, 1)
 TICK_S = 0.05
 
 
