@@ -35,8 +35,8 @@ class EpisodeRow:
     message_bytes: float | None  # mean size
     message_age_s: float | None  # mean age when used
     max_lateral_acceleration_mps2: float  # m/s2, of the other vehicle on its rails
-    units: str = ""  # each roadside unit of which a map was used (see ``unit_figures``)
     measures: SafetyMeasures = field(default_factory=SafetyMeasures)
+    units: str = ""  # each roadside unit of which a map was used (see ``unit_figures``)
 
     @classmethod
     def of(cls, case: Case, scenario: Scenario, log: EpisodeLog) -> EpisodeRow:
@@ -59,21 +59,22 @@ class EpisodeRow:
         if set(values) != set(COLUMNS):
             lacks, has = sorted(set(COLUMNS) - set(values)), sorted(set(values) - set(COLUMNS))
             raise KeyError(f"columns that are missing: {lacks}, that are unknown: {has}")
-        case, figures, rest, measured = ({name: values[name] for name in names} for names in _PARTS)
-        return cls(Case(**case), EpisodeFigures(**figures), **rest, measures=SafetyMeasures(**measured))
+        case, figures, rest, measured, units = ({name: values[name] for name in names} for names in _PARTS)
+        return cls(Case(**case), EpisodeFigures(**figures), **rest, measures=SafetyMeasures(**measured), **units)
 
     def columns(self) -> dict[str, Any]:
         """The values of ``COLUMNS``, in that order."""
         rest = {name: getattr(self, name) for name in _PARTS[2]}
-        return {**self.case._asdict(), **asdict(self.figures), **rest, **asdict(self.measures)}
+        return {**self.case._asdict(), **asdict(self.figures), **rest, **asdict(self.measures), "units": self.units}
 
 
 MEASURES = tuple(f.name for f in fields(SafetyMeasures))
 _PARTS = (
     Case._fields,
     [f.name for f in fields(EpisodeFigures)],
-    [f.name for f in fields(EpisodeRow)][2:-1],  # without case, figures and measures
+    [f.name for f in fields(EpisodeRow)][2:-2],  # without case, figures, measures and units
     MEASURES,
+    ["units"],
 )
 COLUMNS = tuple(name for names in _PARTS for name in names)
 
