@@ -1,4 +1,4 @@
-"""The roadside's process: 20 times a second it encodes what the mast's sensors see and sends it over UDP.
+"""A roadside unit's process: 20 times a second it encodes what the unit's sensors see and sends it over UDP.
 
     python examples/vehicle.py       --cfg cfgs/avp/cp_small.yaml --ckpt weights/cp_small.pth          first, and in
     python examples/roadside_unit.py --cfg cfgs/avp/cp_small.yaml --ckpt weights/cp_small.pth          another terminal
@@ -6,6 +6,10 @@
 With ``--runtime onnxruntime --exported DIR`` (or openvino) in place of ``--ckpt`` no torch is needed: docs/deploy.md.
 The sensors are a recording: the first frames of a data set's split, over and over. The vehicle replays the same ones.
 Where encoding takes longer than a tick, ticks are left out, and the rate that is printed says so.
+
+A site with several units runs one process for each, every one with a number of its own: ``--unit 0``, ``--unit 1``. All
+replay the first roadside unit of the records, unless they are given another one
+(``--set DATA_CONFIG.ROADSIDE_UNIT NAME``) or a data set of their own (``--set DATA_CONFIG.DATA_PATH DIR``).
 """
 
 from __future__ import annotations
@@ -16,7 +20,7 @@ import socket
 import time
 from pathlib import Path
 
-from pcdet_avp.argument_types import path, positive_float, positive_int
+from pcdet_avp.argument_types import non_negative_int, path, positive_float, positive_int
 from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
 from pcdet_avp.datasets.avp.frames import find_frames
 from pcdet_avp.datasets.avp.prepare import PrepareConfig, prepare
@@ -24,6 +28,7 @@ from pcdet_avp.datasets.avp.record import read_frame
 from pcdet_avp.engine.halves import Roadside, open_roadside
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.link import NrV2xConfig
+from pcdet_avp.link.header import MAX_SENDERS
 from pcdet_avp.runtime_arguments import add_runtime_arguments, check_runtime_arguments
 from pcdet_avp.structures.frame import Frame
 from pcdet_avp.structures.sensor_set import SensorSet
@@ -35,6 +40,7 @@ def parse_arguments() -> argparse.Namespace:
     parser = config_parser("Encode and send roadside maps.", weights=True)
     parser.add_argument("--ckpt", type=path, help="checkpoint, for --runtime torch")
     add_runtime_arguments(parser)
+    parser.add_argument("--unit", type=non_negative_int, default=0, help="number at the site, 0 to 65535 (default: 0)")
     parser.add_argument("--to", default="127.0.0.1:47020", metavar="HOST:PORT", help="where the vehicle listens")
     parser.add_argument("--seconds", type=positive_float, default=10.0, help="how long to send")
     parser.add_argument("--rate", type=positive_float, default=20.0, help="maps of a modality a second (default: 20)")
@@ -56,7 +62,8 @@ def recording(cfg, split: str, frames: int, sensors: SensorSet) -> list[tuple[di
     """The first frames of a split, each also as the sample that these sensors make."""
     root, how = Path(cfg.DATA_CONFIG.DATA_PATH), PrepareConfig.from_config(cfg.DATA_CONFIG, cfg.CLASS_NAMES)
     ids = find_frames(root, cfg.DATA_CONFIG, cfg.CLASS_NAMES, split)[:frames]
-    read = [read_frame(root, frame_id, sensors.sources) for frame_id in ids]
+    unit = cfg.DATA_CONFIG.get("ROADSIDE_UNIT")
+    read = [read_frame(root, frame_id, sensors.sources, unit=unit) for frame_id in ids]
     return [(prepare(frame, sensors, how), frame) for frame in read]
 
 
@@ -67,26 +74,33 @@ def send(half: Roadside, frames: list[tuple[dict, Frame]], args: argparse.Namesp
         while (now_s := time.time()) < first_s + args.seconds:
             tick = int(now_s * args.rate)
             sample, frame = frames[tick % len(frames)]
-            sent = half.segments(sample, tick % (1 << 32), int(1e6 * now_s), frame.infra.world_from_agent)
+            pose = frame.infra.world_from_agent
+            sent = half.segments(sample, tick % (1 << 32), int(1e6 * now_s), pose, args.unit)
             for payloads in sent.values():
                 for payload in payloads:
                     total += sender.sendto(payload, receiver)
             ticks += 1
             time.sleep(max(0.0, (tick + 1) / args.rate - time.time()))
     seconds = time.time() - first_s
-    print(f"sent {ticks} frames in {seconds:.1f} s: {ticks / seconds:.1f} Hz, {8e-6 * total / seconds:.2f} Mbit/s")
+    rates = f"{ticks / seconds:.1f} Hz, {8e-6 * total / seconds:.2f} Mbit/s"
+    print(f"unit {args.unit}: sent {ticks} frames in {seconds:.1f} s: {rates}")
 
 
 def main() -> None:
     args = parse_arguments()
     address(args.to)
+    if args.unit >= MAX_SENDERS:
+        raise ConfigError(f"--unit: expected a number below {MAX_SENDERS}, found {args.unit}")
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     check_runtime_arguments(args)
     cfg = load_arguments_config(args)
     frames = recording(cfg, args.split, args.frames, SENSORS)
     half = open_roadside(args, cfg, NrV2xConfig().max_segment_bytes, args.budget)
     half.segments(frames[0][0], 0, 0, frames[0][1].infra.world_from_agent)  # the first call compiles
-    print(f"sending {len(frames)} frames of {args.split} to {args.to} for {args.seconds:g} s", flush=True)
+    print(
+        f"unit {args.unit}: sending {len(frames)} frames of {args.split} to {args.to} for {args.seconds:g} s",
+        flush=True,
+    )
     send(half, frames, args)
 
 

@@ -4,7 +4,8 @@
     python examples/roadside_unit.py --cfg cfgs/avp/cp_small.yaml --ckpt weights/cp_small.pth          another terminal
 
 ``--drop 0.1`` throws away a tenth of the segments, as a bad radio would. The vehicle's own sensors are the recording
-that the roadside replays, too; both clocks must agree, as on one machine. Any --runtime understands any other's maps.
+that the roadside replays, too; the clocks must agree, as on one machine. Any --runtime understands any other's maps.
+All roadside units that send here are used, each as long as its maps are young; ``--unit 0 2`` uses only those two.
 """
 
 from __future__ import annotations
@@ -14,17 +15,16 @@ import select
 import signal
 import socket
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 import numpy as np
 from roadside_unit import address, recording
 
-from pcdet_avp.argument_types import non_negative_float, path, positive_float, positive_int, share
+from pcdet_avp.argument_types import non_negative_float, non_negative_int, path, positive_float, positive_int, share
 from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
 from pcdet_avp.engine.halves import Vehicle, open_vehicle
 from pcdet_avp.errors import ConfigError, LinkError
 from pcdet_avp.link import LatentMap, Receiver
-from pcdet_avp.link.header import MODALITIES
 from pcdet_avp.runtime_arguments import add_runtime_arguments, check_runtime_arguments
 from pcdet_avp.structures.frame import Frame
 from pcdet_avp.structures.sensor_set import SensorSet
@@ -41,6 +41,7 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--seconds", type=positive_float, default=10.0, help="how long to drive after the first map")
     parser.add_argument("--wait", type=non_negative_float, default=60.0, help="how long to wait for the first map (s)")
     parser.add_argument("--vehicle", choices=("C", "CL"), default="CL", help="the vehicle's own sensors")
+    parser.add_argument("--unit", type=non_negative_int, nargs="+", metavar="N", help="units to use (default: all)")
     parser.add_argument("--drop", type=share, default=0.0, help="share of the segments that is thrown away")
     parser.add_argument("--max_age", type=non_negative_float, default=1.0, help="older maps are unused (s, default: 1)")
     parser.add_argument("--split", default="test")
@@ -53,6 +54,7 @@ class Report:
 
     def __init__(self) -> None:
         self.frames, self.bytes, self.ages_s, self.absent, self.found, self.began_s = 0, 0, [], [], [], time.time()
+        self.of_units: dict[int, list[float]] = {}  # age of every map used (s), by the unit's number
 
     def add(self, maps: list[LatentMap], boxes: int) -> None:
         """A frame was fused from these maps."""
@@ -60,6 +62,8 @@ class Report:
         self.ages_s.append(time.time() - 1e-6 * min(known.stamp.time_us for known in maps))
         self.absent.append(1 - np.mean([known.present.mean() for known in maps]))
         self.found.append(boxes)
+        for known in maps:
+            self.of_units.setdefault(known.stamp.sender, []).append(time.time() - 1e-6 * known.stamp.time_us)
 
     def line(self) -> str:
         """Frames fused a second, bits received, cells that did not arrive, age of the maps once the boxes are there."""
@@ -68,7 +72,12 @@ class Report:
         if not self.frames:
             return f"{text}  no map to use"
         loss, age = 100 * np.mean(self.absent), 1e3 * np.mean(self.ages_s)
-        return f"{text}  lost cells {loss:4.1f} %  age {age:4.0f} ms  {np.mean(self.found):5.1f} boxes"
+        return f"{text}  lost cells {loss:4.1f} %  age {age:4.0f} ms  {np.mean(self.found):5.1f} boxes{self._units()}"
+
+    def _units(self) -> str:
+        """Maps used of each unit and their mean age, where there are several."""
+        ages = sorted(self.of_units.items()) if len(self.of_units) > 1 else ()
+        return "".join(f"  unit {unit}: {len(found)} maps, {1e3 * np.mean(found):.0f} ms" for unit, found in ages)
 
 
 def segments(receiving: socket.socket) -> Iterator[bytes]:
@@ -79,11 +88,17 @@ def segments(receiving: socket.socket) -> Iterator[bytes]:
         wait_s = PAUSE_S
 
 
-def newest_maps(receiver: Receiver) -> list[LatentMap]:
-    """The newest frame's maps: one that another modality has overtaken is not used."""
-    now_us = int(1e6 * time.time())
-    known = [found for name in MODALITIES if (found := receiver.take(name, now_us)) is not None]
-    return [found for found in known if found.stamp.frame_id == max(k.stamp.frame_id for k in known)]
+def newest_maps(receiver: Receiver, units: Collection[int] | None = None) -> list[LatentMap]:
+    """The maps of every unit's newest frame: one that another modality of its unit has overtaken is not used.
+
+    ``units``: numbers of those that are used; None: all.
+    """
+    newest: dict[int, list[LatentMap]] = {}
+    for known in receiver.take_all(int(1e6 * time.time())):
+        if units is None or known.stamp.sender in units:
+            newest.setdefault(known.stamp.sender, []).append(known)
+    latest = {sender: max(known.stamp.frame_id for known in maps) for sender, maps in newest.items()}
+    return [known for maps in newest.values() for known in maps if known.stamp.frame_id == latest[known.stamp.sender]]
 
 
 def drive(half: Vehicle, frames: list[tuple[dict, Frame]], receiving: socket.socket, args) -> Report:
@@ -97,11 +112,12 @@ def drive(half: Vehicle, frames: list[tuple[dict, Frame]], receiving: socket.soc
                 report.bytes += len(payload)
             if rng.random() >= args.drop:
                 receiver.push(payload)
-        maps = newest_maps(receiver)
-        if maps and maps[0].stamp.frame_id != last_frame:
+        maps = newest_maps(receiver, args.unit)
+        newest_frame = max((known.stamp.frame_id for known in maps), default=last_frame)
+        if newest_frame != last_frame:
             if until_s is None:
                 until_s, whole, second = time.monotonic() + args.seconds, Report(), Report()
-            last_frame = maps[0].stamp.frame_id
+            last_frame = newest_frame
             sample, frame = frames[last_frame % len(frames)]
             boxes = len(half.detect(sample, frame.ego.world_from_agent, maps)["pred_boxes"])
             whole.add(maps, boxes)

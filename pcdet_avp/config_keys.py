@@ -46,6 +46,15 @@ LIDAR = {
     "RANGE_NOISE_M": FROM_0,
     "MATERIAL_INTENSITY": FLAG,
 }
+ROADSIDE_UNIT = {
+    "X_M": NUMBER,
+    "Y_M": NUMBER,
+    "Z_M": POSITIVE,
+    "YAW_DEG": NUMBER,
+    "PITCH_DOWN_DEG": ELEVATION,
+    "CAMERA": FLAG,
+    "LIDAR": FLAG,
+}
 RANGE, SHARES, COUNTS = FROM_0.list_of(2), SHARE.list_of(2), COUNT_FROM_0.list_of(2)
 ZONE = {"SHARE": SHARE, "BEFORE_MAST_M": RANGE, "JUNCTION_SHARE": SHARE}
 COUNTED = ("IN_GAP", "CROSSING", "ALONG", "ON_SIDE_ROAD", "AT_JUNCTION", "SAME_LANE", "OPPOSITE_LANE")
@@ -78,6 +87,7 @@ DATA = {
     "VOXEL_SIZE": POSITIVE.list_of(3),
     "IMAGE_SHAPE": COUNT.list_of(2),
     "DEPTH_DOWNSAMPLE": COUNT,
+    **{f"ROADSIDE_UNITS.*.{key}": rule for key, rule in ROADSIDE_UNIT.items()},
     "ROADSIDE_UNIT": TEXT.or_null(),
     "DATA_SPLIT.train": TEXT,
     "DATA_SPLIT.test": TEXT,

@@ -76,6 +76,10 @@ def plan(data_cfg: Mapping, frames: int | None = None, seed: int | None = None) 
     """The scenes, frames and splits of a data set that is yet to be made."""
     made_by = {"SENSORS": plain(require(data_cfg, "SENSORS", dict)), "GENERATE": plain(data_cfg["GENERATE"])}
     settings = made_by["GENERATE"]
+    if data_cfg.get("ROADSIDE_UNITS") is not None:
+        raise ConfigError(
+            "DATA_CONFIG.ROADSIDE_UNITS: data sets are made with the one unit at the mast; leave it out here"
+        )
     if settings.get("PLAN"):
         made_by["PLAN_SHA256"] = hashlib.sha256(Path(read_plan(settings["PLAN"]).file).read_bytes()).hexdigest()
     per_scene = require(settings, "FRAMES_PER_SCENE", int)

@@ -6,7 +6,7 @@ They take a sample as ``datasets.avp.prepare`` makes it (numpy, one frame) and a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +19,7 @@ from pcdet_avp.deploy.runtime import Arrays, Graph, Runtime
 from pcdet_avp.errors import SensorError
 from pcdet_avp.link import LatentMap, MapStamp, encode
 from pcdet_avp.link.rate_control import encode_within
+from pcdet_avp.link.units import by_source
 from pcdet_avp.structures.pose import Pose
 from pcdet_avp.structures.sensor_set import EGO_SOURCES, INFRA_SOURCES, SOURCES, modality_of
 
@@ -113,12 +114,18 @@ class RoadsideHalf:
             return encode(latent, stamp, self._max_segment_bytes, precision)
         return encode_within(latent, stamp, self._max_segment_bytes, precision, self._budget_bytes)
 
-    def segments(self, sample: Sample, frame_id: int, time_us: int, world_from_infra: Pose) -> dict[str, list[bytes]]:
-        """source -> segments of one frame's map; of the sample only the roadside's sensors are read."""
-        return {
-            source: self.pack(latent, MapStamp.at_pose(frame_id, time_us, modality_of(source), world_from_infra))
-            for source, latent in self.latents(sample).items()
-        }
+    def segments(
+        self, sample: Sample, frame_id: int, time_us: int, world_from_infra: Pose, sender: int = 0
+    ) -> dict[str, list[bytes]]:
+        """source -> segments of one frame's map; of the sample only the roadside's sensors are read.
+
+        ``sender`` is the unit's number at its site.
+        """
+        packed = {}
+        for source, latent in self.latents(sample).items():
+            stamp = MapStamp.at_pose(frame_id, time_us, modality_of(source), world_from_infra, sender)
+            packed[source] = self.pack(latent, stamp)
+        return packed
 
 
 class VehicleHalf:
@@ -132,13 +139,21 @@ class VehicleHalf:
         self.shape = self._network.latent_shape
 
     def detect(self, sample: Sample, world_from_ego: Pose, maps: Collection[LatentMap]) -> post_processing.Detected:
-        """pred_boxes (n, 7), pred_scores (n,), pred_labels (n,) in the ego frame; the maps' own poses place them."""
+        """pred_boxes (n, 7), pred_scores (n,), pred_labels (n,) in the ego frame; the maps' own poses place them.
+
+        The maps may be of any number of roadside units; two of one unit and source are a LinkError.
+        """
         ego_from_world = world_from_ego.inverse()
         received = {
-            f"infra_{known.stamp.modality}": Received(
-                known.values, known.present, (ego_from_world @ known.stamp.world_from_agent).matrix.astype(np.float32)
-            )
-            for known in maps
+            source: [
+                Received(
+                    known.values,
+                    known.present,
+                    (ego_from_world @ known.stamp.world_from_agent).matrix.astype(np.float32),
+                )
+                for known in of_units
+            ]
+            for source, of_units in by_source(maps).items()
         }
         return self.post_process(self.run(sample, received))
 
@@ -146,10 +161,15 @@ class VehicleHalf:
         """What ``detect`` makes of the head's raw outputs."""
         return post_processing.detect(outputs, self._network.grid, self._network.head, self._suppression)
 
-    def run(self, sample: Sample, received: Mapping[str, Received]) -> Arrays:
-        """The head's raw outputs; of the sample only the vehicle's sensors are read. SensorError without any map."""
+    def run(self, sample: Sample, received: Mapping[str, Received | Sequence[Received]]) -> Arrays:
+        """The head's raw outputs; of the sample only the vehicle's sensors are read. SensorError without any map.
+
+        ``received``: of every roadside source one map, or those of several units.
+        """
         maps = {source: self._encoders.encode(sample, source) for source in present_sources(sample, EGO_SOURCES)}
-        maps |= {source: self.place(source, known) for source, known in received.items()}
+        for source, known in received.items():
+            of_units = [known] if isinstance(known, Received) else known
+            maps[source] = merged([self.place(source, each) for each in of_units])
         if not maps:
             raise SensorError("fusion: no feature map from any of the four sources")
         return self.head(maps)
@@ -172,6 +192,18 @@ class VehicleHalf:
         cells, weights = warp.neighbours(known.ego_from_sender, self._network.grid)
         warped = self._graphs("warp", bev_map=bev_map, valid=valid, cells=cells, weights=weights)
         return warped["warped_map"], warped["warped_valid"]
+
+
+def merged(placed: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    """Maps (1, C, H, W) of several units and their masks on the ego grid -> one of each, by the rule of
+    ``models.fusion.units``: in every cell the longest vector; of equal lengths, the maximum of elements."""
+    if len(placed) == 1:
+        return placed[0]
+    maps, masks = (np.concatenate(parts) for parts in zip(*placed, strict=True))
+    length = np.where(masks, np.square(maps).sum(1, keepdims=True), np.float32(-1))
+    present, chosen = masks.any(0, keepdims=True), masks & (length == length.max(0))
+    highest = np.where(chosen, maps, np.float32(-np.inf)).max(0, keepdims=True)
+    return np.where(present, highest, np.float32(0)), present
 
 
 def present_sources(sample: Sample, sources: Collection[str]) -> list[str]:

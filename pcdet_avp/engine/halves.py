@@ -25,7 +25,9 @@ logger = logging.getLogger(__name__)
 class Roadside(Protocol):
     """Sensors to segments."""
 
-    def segments(self, sample: Sample, frame_id: int, time_us: int, world_from_infra: Pose) -> dict[str, list[bytes]]:
+    def segments(
+        self, sample: Sample, frame_id: int, time_us: int, world_from_infra: Pose, sender: int = 0
+    ) -> dict[str, list[bytes]]:
         """source -> segments of one frame's map; of the sample only the roadside's sensors are read."""
         ...
 

@@ -1,19 +1,19 @@
-"""The sensors of both agents (paper, table "Parameter Settings of Sensors") and the capture of a frame.
+"""The sensors of vehicle and roadside units (paper, table "Parameter Settings of Sensors"), and what they see.
 
 ``capture(world, rig, key, frame_id)`` is the one way from the garage to a ``Frame``, for the data set.
-``observe``, for the closed loop, is the same without the ground truth.
+``observe``, for the closed loop, is the same without the ground truth; ``observe_units`` is it for any number of units.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from pcdet_avp.errors import ConfigError
+from pcdet_avp.errors import ConfigError, SensorError
 from pcdet_avp.sim.plans.floor import Unit
 from pcdet_avp.sim.rays.lidar import LidarNoise, sweep
 from pcdet_avp.sim.rays.raytracer import RayTracer
@@ -26,9 +26,11 @@ from pcdet_avp.structures.camera import PinholeCamera
 from pcdet_avp.structures.frame import AgentView, Frame, Labels
 from pcdet_avp.structures.lidar_scan import LidarModel, LidarScan
 from pcdet_avp.structures.pose import Pose
-from pcdet_avp.structures.sensor_set import SOURCES
+from pcdet_avp.structures.roadside_unit import MountedUnit
+from pcdet_avp.structures.sensor_set import EGO_SOURCES, INFRA_SOURCES, SOURCES
 
 MODALITIES = ("camera", "lidar")
+SensorName = tuple[str, int, str]  # agent, number of the roadside unit (0 for the ego), modality
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,15 +63,22 @@ class AgentRig:
 
 @dataclass(frozen=True, eq=False)
 class Rig:
-    """Both agents' sensors."""
+    """The vehicle's sensors, and those of the roadside.
+
+    ``units``: the roadside units where they hang, each with its sensors. Without any, there is one at the world's mast,
+    with the sensors ``infra``.
+    """
 
     ego: AgentRig
     infra: AgentRig
+    units: tuple[tuple[MountedUnit, AgentRig], ...] = ()
 
     @classmethod
-    def from_config(cls, sensors: Mapping) -> Rig:
-        """The sensors of DATA_CONFIG.SENSORS = {EGO: {CAMERA, LIDAR}, INFRA: {CAMERA, LIDAR}}."""
-        return cls(AgentRig.from_config(sensors["EGO"]), AgentRig.from_config(sensors["INFRA"]))
+    def from_config(cls, sensors: Mapping, units: Sequence[MountedUnit] = ()) -> Rig:
+        """DATA_CONFIG.SENSORS = {EGO: {CAMERA, LIDAR}, INFRA: {CAMERA, LIDAR}}; INFRA is what every unit has."""
+        infra = AgentRig.from_config(sensors["INFRA"])
+        mounted = tuple((unit, AgentRig.from_config(_as_mounted(sensors["INFRA"], unit))) for unit in units)
+        return cls(AgentRig.from_config(sensors["EGO"]), infra, mounted)
 
     def reversed(self) -> Rig:
         """The same vehicle in a frame that faces where its tail points: its sensors turned by 180 degrees."""
@@ -78,21 +87,38 @@ class Rig:
         lidar = replace(self.ego.lidar, agent_from_lidar=turn @ self.ego.lidar.agent_from_lidar)
         return replace(self, ego=replace(self.ego, camera=camera, lidar=lidar))
 
-    def placed_in(self, world: World) -> tuple[PlacedRig, PlacedRig]:
-        """The sensors of ego and roadside unit where they stand in a world now."""
-        return (
-            PlacedRig("ego", self.ego, world.world_from_ego, world.ego_tracer),
-            PlacedRig("infra", self.infra.hung_as(world.unit), world.world_from_infra, world.infra_tracer),
+    def placed_in(self, world: World) -> tuple[PlacedRig, ...]:
+        """The sensors of the ego and of every roadside unit where they stand in a world now; the ego first."""
+        ego = PlacedRig("ego", self.ego, world.world_from_ego, world.ego_tracer, EGO_SOURCES)
+        return (ego, *self.units_in(world))
+
+    def units_in(self, world: World) -> tuple[PlacedRig, ...]:
+        """The sensors of every roadside unit, by number."""
+        if not self.units:
+            rig = self.infra.hung_as(world.unit)
+            return (PlacedRig("infra", rig, world.world_from_infra, world.infra_tracer, INFRA_SOURCES),)
+        return tuple(
+            PlacedRig("infra", rig, unit.world_from_unit, world.infra_tracer, unit.sources, number)
+            for number, (unit, rig) in enumerate(self.units)
         )
 
 
 class PlacedRig(NamedTuple):
-    """The sensors of one agent ("ego" or "infra") in a world: its pose there, and what builds its ray tracer."""
+    """The sensors of one agent ("ego" or "infra") in a world: its pose there, what builds its ray tracer, which of
+    ``SOURCES`` it has, and the number of a roadside unit."""
 
     agent: str
     rig: AgentRig
     world_from_agent: Pose
     tracer: Callable[[], RayTracer]
+    sources: tuple[str, ...]
+    unit: int = 0
+
+
+def _as_mounted(infra: Mapping, unit: MountedUnit) -> dict[str, dict]:
+    """SENSORS.INFRA with the height and pitch of a unit."""
+    mount = {"Z_M": unit.z_m, "PITCH_DOWN_DEG": round(float(np.degrees(unit.pitch_down_rad)), 9)}
+    return {sensor: {**infra[sensor], **mount} for sensor in ("CAMERA", "LIDAR")}
 
 
 def _camera(cfg: Mapping) -> PinholeCamera:
@@ -127,39 +153,61 @@ def capture(
     so that a sensor's data do not depend on which others are captured. ``threads``: so many sensors at the same
     time, with the same bytes; one where processes run side by side already.
     """
-    ego, infra, instances = _observe_both(world, rig, key, sources, threads)
-    return Frame(frame_id, world.time_s, ego, infra, _labels(world, rig, instances))
+    ego, infra = _of_one_unit(rig.placed_in(world))
+    seen = _captured(_sensors((ego, infra), key, sources), world, threads)
+    instances = {f"{agent}_{modality}": found[-1] for (agent, _, modality), found in seen.items()}
+    return Frame(frame_id, world.time_s, _view(ego, seen), _view(infra, seen), _labels(world, rig, instances))
 
 
 def observe(
     world: World, rig: Rig, key: Sequence[int], frame_id: str, sources: Sequence[str], threads: int = 1
 ) -> Frame:
     """The same frame without its ground truth: all that a vehicle on the road has."""
-    ego, infra, _ = _observe_both(world, rig, key, sources, threads)
-    return Frame(frame_id, world.time_s, replace(ego, depth=None), replace(infra, depth=None))
+    _of_one_unit(rig.placed_in(world))
+    return observe_units(world, rig, key, frame_id, sources, threads=threads)[0]
 
 
-def _observe_both(
-    world: World, rig: Rig, key: Sequence[int], sources: Sequence[str], threads: int
-) -> tuple[AgentView, AgentView, dict[str, np.ndarray]]:
-    """Both agents' views, and per source the instance number behind each of its pixels or points."""
-    sensors = [
-        Sensor(placed, modality, key)
-        for modality in MODALITIES  # cameras, which take longest, before LiDARs
-        for placed in rig.placed_in(world)
-        if f"{placed.agent}_{modality}" in sources
-    ]
-    seen = _captured(sensors, world, threads)
-    views = [
-        AgentView(p.world_from_agent, p.rig.camera, *seen.get(f"{p.agent}_camera", (None, None))[:2])
-        for p in rig.placed_in(world)
-    ]
-    views = [_with_scan(view, seen.get(f"{agent}_lidar")) for view, agent in zip(views, ("ego", "infra"), strict=True)]
-    return *views, {source: found[-1] for source, found in seen.items()}
+def observe_units(
+    world: World,
+    rig: Rig,
+    key: Sequence[int],
+    frame_id: str,
+    sources: Sequence[str],
+    silent: Collection[int] = (),
+    threads: int = 1,
+) -> list[Frame]:
+    """What the sensors in ``sources`` see: one frame for each roadside unit, by number, all with the same ego.
+
+    A unit captures with those of the sensors that it has; one whose number is in ``silent`` captures nothing. The noise
+    of unit 0 is what it is without other units; every unit has a stream of its own. ``threads`` as for ``capture``.
+    """
+    ego, *units = rig.placed_in(world)
+    awake = [unit for unit in units if unit.unit not in silent]
+    seen = _captured(_sensors((ego, *awake), key, sources), world, threads)
+    ego_view = replace(_view(ego, seen), depth=None)
+    return [Frame(frame_id, world.time_s, ego_view, replace(_view(unit, seen), depth=None)) for unit in units]
 
 
-def _with_scan(view: AgentView, swept: tuple[LidarScan, np.ndarray] | None) -> AgentView:
-    return view if swept is None else replace(view, points=swept[0].points(), scan=swept[0])
+def _of_one_unit(placed: tuple[PlacedRig, ...]) -> tuple[PlacedRig, PlacedRig]:
+    """Ego and unit; a frame has no place for further ones."""
+    if len(placed) != 2:
+        raise SensorError(f"a frame holds one roadside unit, the rig has {len(placed) - 1}: see observe_units")
+    return placed
+
+
+def _sensors(placed: Sequence[PlacedRig], key: Sequence[int], sources: Sequence[str]) -> list[Sensor]:
+    """Those of ``sources`` that the agents have; cameras, which take longest, before LiDARs."""
+    sensors = [Sensor(each, modality, key) for modality in MODALITIES for each in placed]
+    return [sensor for sensor in sensors if sensor.source in sources and sensor.source in sensor.placed.sources]
+
+
+def _view(placed: PlacedRig, seen: Mapping[SensorName, tuple]) -> AgentView:
+    """What an agent's sensors delivered; None for those that did not."""
+    image, depth, *_ = seen.get((placed.agent, placed.unit, "camera"), (None, None))
+    scan, *_ = seen.get((placed.agent, placed.unit, "lidar"), (None,))
+    camera = placed.rig.camera if f"{placed.agent}_camera" in placed.sources else None
+    points = None if scan is None else scan.points()
+    return AgentView(placed.world_from_agent, camera, image, depth, points, scan)
 
 
 def _labels(world: World, rig: Rig, instances: Mapping[str, np.ndarray]) -> Labels:
@@ -184,36 +232,41 @@ class Sensor(NamedTuple):
     def source(self) -> str:
         return f"{self.placed.agent}_{self.modality}"
 
+    @property
+    def name(self) -> SensorName:
+        return self.placed.agent, self.placed.unit, self.modality
+
     def picture(self, lighting: Lighting) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Image, depth, and the instance number behind each pixel."""
-        placed, rng = self.placed, sensor_rng(self.key, self.source)
+        placed, rng = self.placed, sensor_rng(self.key, self.source, self.placed.unit)
         rendered = render(placed.tracer(), placed.rig.camera, placed.world_from_agent, lighting, rng)
         return rendered.image, rendered.depth, rendered.instance
 
     def scan(self) -> tuple[LidarScan, np.ndarray]:
         """A sweep, and the instance number behind each of its points."""
-        placed, rng = self.placed, sensor_rng(self.key, self.source)
+        placed, rng = self.placed, sensor_rng(self.key, self.source, self.placed.unit)
         return sweep(placed.tracer(), placed.rig.lidar, placed.world_from_agent, placed.rig.lidar_noise, rng)
 
 
-def _captured(sensors: Sequence[Sensor], world: World, threads: int) -> dict[str, tuple]:
-    """By source what ``Sensor.picture`` or ``Sensor.scan`` returns."""
+def _captured(sensors: Sequence[Sensor], world: World, threads: int) -> dict[SensorName, tuple]:
+    """By a sensor's name what its ``picture`` or ``scan`` returns."""
 
     def take(sensor: Sensor) -> tuple:
         return sensor.picture(lighting) if sensor.modality == "camera" else sensor.scan()
 
     lighting = world.lighting
     if threads <= 1 or len(sensors) <= 1:
-        return {sensor.source: take(sensor) for sensor in sensors}
+        return {sensor.name: take(sensor) for sensor in sensors}
     for sensor in sensors:
         sensor.placed.tracer().prepare()
     with ThreadPoolExecutor(threads) as pool:
-        return {sensor.source: found for sensor, found in zip(sensors, pool.map(take, sensors), strict=True)}
+        return {sensor.name: found for sensor, found in zip(sensors, pool.map(take, sensors), strict=True)}
 
 
-def sensor_rng(key: Sequence[int], source: str) -> np.random.Generator:
-    """The random stream of one sensor at one tick."""
-    return np.random.default_rng(np.random.SeedSequence([*key, SOURCES.index(source)]))
+def sensor_rng(key: Sequence[int], source: str, unit: int = 0) -> np.random.Generator:
+    """The random stream of one sensor at one tick; ``unit`` is a roadside unit's number."""
+    of_unit = (unit,) if unit else ()
+    return np.random.default_rng(np.random.SeedSequence([*key, SOURCES.index(source)], spawn_key=of_unit))
 
 
 def count_instances(instance: np.ndarray, object_ids: np.ndarray) -> np.ndarray:

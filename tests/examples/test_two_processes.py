@@ -1,4 +1,4 @@
-"""examples/: a roadside unit and a vehicle, two processes that share nothing but a UDP port."""
+"""examples/: roadside units and a vehicle, processes that share nothing but a UDP port."""
 
 import os
 import re
@@ -77,6 +77,25 @@ def test_the_vehicle_fuses_what_the_roadside_sends(start):
     assert "Traceback" not in errors
 
 
+def test_the_vehicle_fuses_what_two_units_send_and_goes_on_when_one_is_killed(start):
+    place, both = f"127.0.0.1:{free_port()}", re.compile(r"boxes  unit 0: \d+ maps, \d+ ms  unit 7: \d+ maps, \d+ ms$")
+    vehicle = start("vehicle", "--listen", place, "--seconds", 300, "--max_age", 30)
+    first, second = (start("roadside_unit", "--to", place, "--seconds", 300, "--unit", unit) for unit in (0, 7))
+
+    def line_with(pattern):
+        while not pattern.search(line := vehicle.stdout.readline().strip()):
+            assert line, vehicle.communicate()[1]
+        return line
+
+    line_with(both)
+    second.kill()  # without a word of farewell
+    for _ in range(2):
+        line_with(re.compile(r"[1-9].* Hz .* boxes"))
+    assert first.poll() is None
+    vehicle.terminate()
+    assert "Traceback" not in vehicle.communicate(timeout=60)[1]
+
+
 @pytest.fixture
 def complaint(tiny_data, weights, monkeypatch, capsys):
     """``complaint(role, *arguments)``: exit status and errors of one of the two, run in this process."""
@@ -102,6 +121,7 @@ def test_what_is_wrong_is_one_line(complaint):
         wrong = {
             "cannot be bound": ("vehicle", "--listen", f"127.0.0.1:{taken.getsockname()[1]}"),
             "expected HOST:PORT, found 'here'": ("roadside_unit", "--to", "here"),
+            "--unit: expected a number below 65536, found 65536": ("roadside_unit", "--unit", 65_536),
             "no segment at all; is roadside_unit.py running": ("vehicle", "--listen", f"127.0.0.1:{free_port()}"),
         }
         for words, command in wrong.items():

@@ -3,16 +3,20 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
 from pcdet_avp.config import load_config
 from pcdet_avp.datasets import build_dataset
 from pcdet_avp.datasets.avp.collate import load_batch
+from pcdet_avp.link import MapStamp, decode, encode
 from pcdet_avp.models import build_network
+from pcdet_avp.models.detectors.split_inference import VehicleHalf, latent_shape
+from pcdet_avp.structures.pose import Pose
 
 ROOT = Path(__file__).parents[2]
-OF_SINGLE_MAPS = {"ego_from_sender"}  # where received maps bring poses of their own
+OF_RECEIVED_MAPS = {"ego_from_sender", "map_samples"}  # only what received maps bring
 
 
 def listed_keys():
@@ -37,7 +41,15 @@ def test_the_table_has_every_key_of_a_forward_pass_and_no_other(network_and_batc
         written = set(network.eval().run_stages(dict(batch)))
     keys = listed_keys()
     assert len(keys) == len(set(keys))
-    assert set(keys) - OF_SINGLE_MAPS == written
+    assert set(keys) - OF_RECEIVED_MAPS == written
+
+
+def test_received_maps_bring_the_keys_that_the_table_calls_optional(network_and_batch):
+    network, _ = network_and_batch
+    shape = latent_shape(network)
+    stamp = MapStamp(0, 0, "lidar", 0.0, 0.0, 0.0)
+    known = decode(encode(np.zeros(shape, np.float32), stamp, 60_000))
+    assert set(VehicleHalf._received(torch.zeros(1), Pose.identity(), [known])) == OF_RECEIVED_MAPS | {"latents"}
 
 
 def test_training_writes_no_key_that_the_table_lacks(network_and_batch):

@@ -1,6 +1,6 @@
 """Ideal perception from the sensors' positions: the upper limit that their placement sets.
 
-A road user is found if one of the combination's cameras has 30 pixels on it or one of its LiDARs 5 returns (the
+A road user is found if a camera of the combination has 30 pixels on it or a LiDAR 5 returns, of whichever unit (the
 random drop-off left out), within the vehicle's map. Only those who come into the ego's way are looked for: vehicles
 in mapped slots never matter to the policy.
 """
@@ -17,6 +17,7 @@ from pcdet_avp.sim.scenarios.scenario import Scenario
 from pcdet_avp.sim.world import World
 from pcdet_avp.structures.bev_grid import BevGrid
 from pcdet_avp.structures.boxes import transform_boxes
+from pcdet_avp.structures.roadside_unit import mounted_units
 from pcdet_avp.structures.sensor_set import SensorSet
 
 PIXELS, RETURNS = 30, 5
@@ -26,7 +27,8 @@ class LineOfSight:
     """All threats in line of sight of the combination's sensors."""
 
     def __init__(self, settings: PerceiverSettings) -> None:
-        self._forward = Rig.from_config(settings.data_cfg["SENSORS"])
+        units = mounted_units(settings.data_cfg.get("ROADSIDE_UNITS"))
+        self._forward = Rig.from_config(settings.data_cfg["SENSORS"], units)
         self._rig = self._forward
         self._grid = BevGrid.from_range(settings.data_cfg["POINT_CLOUD_RANGE"], settings.data_cfg["VOXEL_SIZE"])
         self._sought: tuple[int, ...] = ()
@@ -61,9 +63,9 @@ class LineOfSight:
     def _by_sensor(self, world: World, object_id: int, sensor_set: SensorSet) -> Iterator[bool | None]:
         """One sensor's verdict after the other, LiDARs first (they are asked fewer rays)."""
         mesh = world.mesh_of(object_id)
-        for agent, rig, pose, _ in self._rig.placed_in(world):
-            sight = world.sight_of(agent)
-            if getattr(sensor_set, f"{agent}_lidar"):
+        for agent, rig, pose, _, has, _ in self._rig.placed_in(world):
+            sight, used = world.sight_of(agent), [source for source in has if source in sensor_set.sources]
+            if f"{agent}_lidar" in used:
                 yield sight.lidar_sees(rig.lidar, pose, mesh, object_id, RETURNS)
-            if getattr(sensor_set, f"{agent}_camera"):
+            if f"{agent}_camera" in used:
                 yield sight.camera_sees(rig.camera, pose, mesh, object_id, PIXELS)

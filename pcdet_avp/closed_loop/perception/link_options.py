@@ -13,7 +13,13 @@ from pcdet_avp.link.loss import LossModel
 from pcdet_avp.link.nr_v2x import NrV2xConfig
 
 LINKS = ("ideal", "nr_v2x")
-ANY_LINK = ("hold_ms", "cut_within_s", "position_noise_m", "yaw_noise_deg")  # options that an ideal link has too
+ANY_LINK = (
+    "hold_ms",
+    "cut_within_s",
+    "cut_unit",
+    "position_noise_m",
+    "yaw_noise_deg",
+)  # options that an ideal link has too
 
 
 def _option(default: Any, kind: type, sentence: str) -> Any:
@@ -47,6 +53,9 @@ class LinkOptions:
     cut_within_s: float | None = _option(
         None, float, "the roadside falls silent for good, at a time drawn evenly from zero to this after the first map"
     )
+    cut_unit: int | None = _option(
+        None, int, "number of the only roadside unit that --cut_within_s silences; none: all of them"
+    )
     position_noise_m: float = _option(
         0.0, float, "standard deviation of the vehicle's idea of its x and y, per episode"
     )
@@ -58,6 +67,8 @@ class LinkOptions:
         for name in (*ANY_LINK, "sensing_ms", "computing_ms", "fuse_after_ms"):
             if (value := getattr(self, name)) is not None and not 0 <= value < float("inf"):
                 raise ConfigError(f"--{name}: expected 0 or more, found {value}")
+        if self.cut_unit is not None and self.cut_within_s is None:
+            raise ConfigError("--cut_unit: says which unit falls silent; when, says --cut_within_s, which is missing")
         self.nr_v2x()
 
     @classmethod

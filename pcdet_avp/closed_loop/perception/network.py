@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import logging
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -30,7 +31,8 @@ from pcdet_avp.models.export.opened import open_deployed
 from pcdet_avp.models.precision import SLOW_BF16, emulates_bf16
 from pcdet_avp.models.weights.checkpoint_file import THRESHOLDS_KEY, read_checkpoint
 from pcdet_avp.structures.frame import Frame
-from pcdet_avp.structures.sensor_set import SensorSet
+from pcdet_avp.structures.roadside_unit import SECTION, MountedUnit, mounted_units
+from pcdet_avp.structures.sensor_set import SensorSet, modality_of
 
 logger = logging.getLogger(__name__)
 
@@ -48,6 +50,7 @@ class DrivingNetwork:
     facts: Mapping[str, Any]
     deployed: Deployed | None = None
     amp: bool = False  # compute in bf16 where that is safe, as training with --use_amp does
+    units: tuple[MountedUnit, ...] = ()  # DATA_CONFIG.ROADSIDE_UNITS; none: the one at the world's mast
 
     @contextmanager
     def computing(self) -> Iterator[None]:
@@ -88,7 +91,8 @@ def untrained(cfg: Mapping, seed: int = 0) -> DrivingNetwork:
     torch.manual_seed(seed)
     network = build_network(cfg["MODEL"], len(cfg["CLASS_NAMES"]), network_input).eval().requires_grad_(False)
     facts = {"checkpoint": None, "iterations": 0, "weights_hash": weights_hash(network.state_dict())}
-    return DrivingNetwork(network, network_input, cfg["DATA_CONFIG"]["SENSORS"], facts)
+    units = mounted_units(cfg["DATA_CONFIG"].get("ROADSIDE_UNITS"))
+    return DrivingNetwork(network, network_input, cfg["DATA_CONFIG"]["SENSORS"], facts, units=units)
 
 
 def load(
@@ -127,6 +131,7 @@ def _load(
     if sha256 is not None and hashlib.sha256(Path(ckpt).read_bytes()).hexdigest() != sha256:
         raise CheckpointError(f"{ckpt}: was written anew meanwhile; give a checkpoint that stays as it is")
     driving = untrained(cfg)
+    _say_what_is_new_to_it(driving)
     if amp and emulates_bf16(driving.device):
         logger.warning(SLOW_BF16)
     load_model(driving.network, content, ckpt)
@@ -140,6 +145,19 @@ def _load(
         THRESHOLDS_KEY: dict(thresholds),
     }
     return replace(driving, facts=facts, amp=amp)
+
+
+def _say_what_is_new_to_it(driving: DrivingNetwork) -> None:
+    """Weights learned how high the roadside's sensors hang; where a unit's hang otherwise, nobody promises anything."""
+    for number, unit in enumerate(driving.units):
+        for source in unit.sources:
+            sensor = driving.sensors["INFRA"][modality_of(source).upper()]
+            known, found = (sensor["Z_M"], sensor["PITCH_DOWN_DEG"]), (unit.z_m, math.degrees(unit.pitch_down_rad))
+            if not np.allclose(known, found):
+                words = (
+                    "%s.%d: its %s hangs %g m high and looks %g degrees down; the weights are for %g m and %g degrees"
+                )
+                logger.warning(words, SECTION, number, modality_of(source), *found, *known)
 
 
 def load_exported(
@@ -162,7 +180,10 @@ def load_exported(
     network_input = NetworkInput.from_config(cfg["DATA_CONFIG"], names)
     known = {key: facts.get(key) for key in ("checkpoint", "iterations", "weights_hash")}
     facts = {**known, THRESHOLDS_KEY: dict(thresholds), "runtime": deployed.name}
-    return DrivingNetwork(None, network_input, cfg["DATA_CONFIG"]["SENSORS"], facts, deployed)
+    units = mounted_units(cfg["DATA_CONFIG"].get("ROADSIDE_UNITS"))
+    driving = DrivingNetwork(None, network_input, cfg["DATA_CONFIG"]["SENSORS"], facts, deployed, units=units)
+    _say_what_is_new_to_it(driving)
+    return driving
 
 
 def _driving_scores(

@@ -1,7 +1,7 @@
 """The trained network in the loop: the one place where garage and network meet.
 
-Every tick: both agents observe, the roadside encodes its maps to bytes, the link carries what it can, and the
-vehicle fuses what it holds with what it sees itself.
+Every tick: vehicle and roadside units observe, each unit encodes its maps to bytes, the link carries what it can, and
+the vehicle fuses what it holds of all units with what it sees itself.
 """
 
 from __future__ import annotations
@@ -21,14 +21,15 @@ from pcdet_avp.closed_loop.perception.perceiver import Message, Perceived, Perce
 from pcdet_avp.closed_loop.perception.roadside_unit import RoadsideUnit
 from pcdet_avp.closed_loop.perception.vehicle_unit import Maps, Onboard
 from pcdet_avp.deploy.runtime import TORCH
+from pcdet_avp.errors import ConfigError
 from pcdet_avp.freed_memory import keep_freed_memory
 from pcdet_avp.link.channel import IdealChannel
-from pcdet_avp.sim.rig import Rig, observe
+from pcdet_avp.sim.rig import Rig, observe_units
 from pcdet_avp.sim.scenarios.scenario import Scenario
 from pcdet_avp.sim.world import World
 from pcdet_avp.structures.frame import Frame
 from pcdet_avp.structures.pose import Pose
-from pcdet_avp.structures.sensor_set import SensorSet
+from pcdet_avp.structures.sensor_set import SensorSet, modality_of
 
 LINK_STREAM, LOCALISATION_STREAM, CUT_STREAM = 0, 1, 2  # of an episode's randomness, beside the sensors'
 
@@ -50,15 +51,20 @@ def _driving(settings: PerceiverSettings) -> DrivingNetwork:
 
 
 class NetworkPerceiver:
-    """A roadside unit, a link and a vehicle. What it finds follows from the episode's key, world and ticks alone."""
+    """Roadside units, a link and a vehicle. What it finds follows from the episode's key, world and ticks alone."""
 
     def __init__(self, driving: DrivingNetwork, options: LinkOptions) -> None:
         self._driving, self._options = driving, options
-        self._forward, self._backward = rig_ahead(driving), Rig.from_config(driving.sensors).reversed()
+        self._forward = rig_ahead(driving)
+        self._backward = Rig.from_config(driving.sensors, driving.units).reversed()
         self._rig, self._reversing = self._forward, False
         ideal = options.link == "ideal"
         segment_bytes = IdealChannel.max_segment_bytes if ideal else options.nr_v2x().max_segment_bytes
-        self._unit = RoadsideUnit(driving, segment_bytes)
+        self._unit = RoadsideUnit(driving, segment_bytes)  # of every unit: they share weights and know no past
+        self._numbers = frozenset(range(max(1, len(driving.units))))
+        if options.cut_unit is not None and options.cut_unit not in self._numbers:
+            known = ", ".join(map(str, sorted(self._numbers)))
+            raise ConfigError(f"--cut_unit: expected the number of a roadside unit ({known}), found {options.cut_unit}")
 
     @property
     def facts(self) -> Mapping[str, Any]:
@@ -74,18 +80,19 @@ class NetworkPerceiver:
         self._downlink = Downlink(self._options, self._stream(LINK_STREAM))
         self._vehicle = Onboard(self._driving, 1e-3 * self._options.hold_ms)
         self._true_from_believed = drawn_error(self._options, self._stream(LOCALISATION_STREAM))
-        self._sent_bytes: dict[tuple[str, int], int] = {}
+        self._sent_bytes: dict[tuple[int, str, int], int] = {}  # by sender, modality and tick
         self._silent_from_s: float | None = None  # not known before the first map
 
     def perceive(self, world: World, tick: int, sensor_set: SensorSet) -> Perceived:
         """Sensors not in ``sensor_set`` capture and send nothing; maps received earlier are used as long as held."""
         if self._reversing:
             sensor_set = replace(sensor_set, ego_camera=False)
-        if sensor_set.uses_infra and self._is_cut(world.time_s):
-            sensor_set = replace(sensor_set, infra_camera=False, infra_lidar=False)
-        frame = observe(world, self._rig, (*self._key, tick), f"{self._name}/{tick}", sensor_set.sources)
-        if sensor_set.uses_infra:
-            self._send(frame, sensor_set, tick)
+        silent = self._silent(world.time_s) if sensor_set.uses_infra else self._numbers
+        key, name = (*self._key, tick), f"{self._name}/{tick}"
+        frames = observe_units(world, self._rig, key, name, sensor_set.sources, silent)
+        for sender in sorted(self._numbers - silent):
+            self._send(frames[sender], tick, sender)
+        frame = frames[0]  # all have the same vehicle
         self._vehicle.hear(self._downlink.receive(frame.time_s))
         held = self._vehicle.held(frame.time_s)
         if not (sensor_set.ego_camera or sensor_set.ego_lidar or held):
@@ -94,25 +101,34 @@ class NetworkPerceiver:
         found = self._vehicle.detect(frame, sensor_set.ego_camera, sensor_set.ego_lidar, believed, held)
         return Perceived(found.boxes, found.names, found.scores, self._messages(held, frame.time_s))
 
-    def _is_cut(self, time_s: float) -> bool:
-        """Whether the roadside has fallen silent for good. The cut-off time is drawn on the first call."""
+    def _silent(self, time_s: float) -> frozenset[int]:
+        """Numbers of the units that have fallen silent for good. The cut-off time is drawn on the first call."""
         if self._silent_from_s is None:
             within_s = self._options.cut_within_s
             share = self._stream(CUT_STREAM).random()
             self._silent_from_s = np.inf if within_s is None else time_s + share * within_s
-        return time_s > self._silent_from_s
+        if time_s <= self._silent_from_s:
+            return frozenset()
+        return self._numbers if self._options.cut_unit is None else frozenset([self._options.cut_unit])
 
-    def _send(self, frame: Frame, sensor_set: SensorSet, tick: int) -> None:
-        packets = self._unit.packets(frame, sensor_set.infra_camera, sensor_set.infra_lidar, tick)
-        for source, payloads in packets.items():
-            self._sent_bytes[source, tick] = sum(map(len, payloads))
-            self._downlink.offer(source, payloads, frame.time_s)
+    def _send(self, frame: Frame, tick: int, sender: int) -> None:
+        camera, lidar = frame.infra.image is not None, frame.infra.points is not None
+        if not (camera or lidar):  # the sensor set has none of the unit's
+            return
+        for source, payloads in self._unit.packets(frame, camera, lidar, tick, sender).items():
+            self._sent_bytes[sender, modality_of(source), tick] = sum(map(len, payloads))
+            self._downlink.offer(source, payloads, frame.time_s, sender)
 
     def _messages(self, held: Maps, time_s: float) -> tuple[Message, ...]:
         now_us = round(1e6 * time_s)
         return tuple(
-            Message(source, self._sent_bytes[source, known.stamp.frame_id], (now_us - known.stamp.time_us) / 1e6)
-            for source, known in held.items()
+            Message(
+                f"infra_{key.modality}",
+                self._sent_bytes[key.sender, key.modality, known.stamp.frame_id],
+                (now_us - known.stamp.time_us) / 1e6,
+                key.sender,
+            )
+            for key, known in held.items()
         )
 
     def _stream(self, number: int) -> np.random.Generator:
@@ -124,7 +140,7 @@ def rig_ahead(driving: DrivingNetwork) -> Rig:
 
     The other half is outside the vehicle's map, which begins at the LiDAR. The rays that are left are the same.
     """
-    rig, grid = Rig.from_config(driving.sensors), driving.input.prepare_config.grid
+    rig, grid = Rig.from_config(driving.sensors, driving.units), driving.input.prepare_config.grid
     lidar = rig.ego.lidar
     behind = lidar.agent_from_lidar.translation[0] <= grid.x_min_m and np.allclose(
         lidar.agent_from_lidar.rotation, np.eye(3)

@@ -15,11 +15,13 @@ from pcdet_avp.structures.sensor_set import SensorSet
 
 @dataclass(frozen=True)
 class Message:
-    """One roadside map that was used: its source (of ``SOURCES``), its size as sent, and its age when used."""
+    """One roadside map that was used: its source (of ``SOURCES``), its size as sent, its age when used, and the number
+    of the roadside unit that sent it."""
 
     source: str
     bytes: int
     age_s: float
+    sender: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,11 +65,11 @@ class Perceiver(Protocol):
 class PerceiverSettings:
     """What a perceiver is built from: plain values only, so that they travel to a worker.
 
-    ``data_cfg`` is DATA_CONFIG as a plain dict (``SENSORS``, ``POINT_CLOUD_RANGE``, ``VOXEL_SIZE``). The rest is read
-    by ``model`` alone: the configuration file and its ``--set`` overrides, the checkpoint, the SHA-256 of its file
-    (None: any), keys in which it may differ from the configuration, whether it computes in bf16, and the link with
-    its options (see ``link_options``). With another ``runtime`` than torch, ``ckpt`` is an exported network's folder
-    and the SHA-256 that of its manifest.
+    ``data_cfg`` is DATA_CONFIG as a plain dict (``SENSORS``, ``POINT_CLOUD_RANGE``, ``VOXEL_SIZE``, and
+    ``ROADSIDE_UNITS`` where there is that section). The rest is read by ``model`` alone: the configuration file and its
+    ``--set`` overrides, the checkpoint, the SHA-256 of its file (None: any), keys in which it may differ from the
+    configuration, whether it computes in bf16, and the link with its options (see ``link_options``). With another
+    ``runtime`` than torch, ``ckpt`` is an exported network's folder and the SHA-256 that of its manifest.
     """
 
     data_cfg: Mapping[str, Any]

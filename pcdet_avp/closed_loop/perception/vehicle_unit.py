@@ -13,13 +13,13 @@ from pcdet_avp.datasets.avp.collate import collate, load_batch
 from pcdet_avp.datasets.avp.prepare import prepare
 from pcdet_avp.evaluation.inputs import Detections
 from pcdet_avp.link.packet import LatentMap
-from pcdet_avp.link.receiver import Receiver
+from pcdet_avp.link.receiver import Receiver, StreamKey
 from pcdet_avp.models.detectors.split_inference import VehicleHalf
 from pcdet_avp.structures.frame import Frame
 from pcdet_avp.structures.pose import Pose
-from pcdet_avp.structures.sensor_set import INFRA_SOURCES, SensorSet, modality_of
+from pcdet_avp.structures.sensor_set import SensorSet
 
-Maps = dict[str, LatentMap]  # by source
+Maps = dict[StreamKey, LatentMap]  # by sender and modality
 
 
 class Onboard:
@@ -36,9 +36,9 @@ class Onboard:
             self._receiver.push(payload)
 
     def held(self, time_s: float) -> Maps:
-        """The newest map worth using of every roadside source at a time; empty where nothing is young enough."""
-        taken = {source: self._receiver.take(modality_of(source), round(1e6 * time_s)) for source in INFRA_SOURCES}
-        return {source: known for source, known in taken.items() if known is not None}
+        """The newest map worth using of every unit and modality at a time; empty where nothing is young enough."""
+        taken = self._receiver.take_all(round(1e6 * time_s))
+        return {StreamKey(known.stamp.sender, known.stamp.modality): known for known in taken}
 
     def detect(self, frame: Frame, camera: bool, lidar: bool, world_from_ego: Pose, held: Maps) -> Detections:
         """What it finds, in the ego frame; of the frame only the vehicle's view is read.

@@ -9,6 +9,7 @@ import numpy as np
 
 from pcdet_avp.closed_loop.sweep.numbers import NOTHING, finite_mean, table_text
 from pcdet_avp.closed_loop.sweep.results import Cell
+from pcdet_avp.closed_loop.sweep.unit_figures import UnitFigures, pooled_units
 
 
 class SideColumn(NamedTuple):
@@ -42,6 +43,9 @@ def side_columns(cells: Sequence[Cell]) -> list[SideColumn]:
     if any(_has(cell, "messages") for cell in cells):
         heading = "roadside maps used: mean size (kB) / mean age (ms)"
         columns.append(SideColumn(heading, _messages, of_perception=True))
+    if any(len(_units(cell)) > 1 for cell in cells):
+        heading = "maps used of each roadside unit: number x mean size (kB), mean age (ms), longest gap (s)"
+        columns.append(SideColumn(heading, _by_unit, of_perception=True))
     if any(_unfinished(cell) for cell in cells):
         columns.append(SideColumn("episodes that the time limit cut off", lambda cell: str(_unfinished(cell))))
     return columns
@@ -80,6 +84,18 @@ def _messages(cell: Cell) -> str:
     if not _has(cell, "messages"):
         return f"{NOTHING} / {NOTHING}"
     return f"{_mean(cell, 'message_bytes', 1e-3)} / {_mean(cell, 'message_age_s', 1e3)}"
+
+
+def _units(cell: Cell) -> list[UnitFigures]:
+    return pooled_units(row["units"] for row in cell.episodes)
+
+
+def _by_unit(cell: Cell) -> str:
+    figures = (
+        f"unit {u.unit}: {u.maps} x {1e-3 * u.mean_bytes:.1f}, {1e3 * u.mean_age_s:.0f}, {u.longest_gap_s:.2f}"
+        for u in _units(cell)
+    )
+    return "; ".join(figures) or NOTHING
 
 
 def _preventable(cell: Cell) -> str:

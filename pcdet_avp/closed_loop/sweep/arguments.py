@@ -22,6 +22,7 @@ from pcdet_avp.provenance import provenance
 from pcdet_avp.runtime_arguments import check_runtime_arguments
 from pcdet_avp.sim.plans.read import read_plan
 from pcdet_avp.sim.scenarios.table import ON_PLAN, find_scenario
+from pcdet_avp.structures.roadside_unit import mounted_units
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
 
 LOOP = "CLOSED_LOOP."
@@ -37,6 +38,9 @@ def sweep_of(args: argparse.Namespace, loop_file: Path) -> Sweep:
     closed_loop = plain(apply_overrides(load_config(loop_file), loop_overrides))
     EpisodeSettings.from_config(closed_loop)  # raises where a key or a value is wrong
     perceiver = {"data_cfg": {key: plain(require(cfg, f"DATA_CONFIG.{key}")) for key in SENSING_KEYS}}
+    if (units := cfg.DATA_CONFIG.get("ROADSIDE_UNITS")) is not None:
+        mounted_units(units)  # raises where a unit cannot be
+        perceiver["data_cfg"]["ROADSIDE_UNITS"] = plain(units)
     scenario, perception = find_scenario(args.scenario), find_perception(args.perception)
     if perception.uses_network:
         perceiver |= _network(args, overrides)

@@ -7,6 +7,7 @@ import io
 import itertools
 import json
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,17 @@ from pcdet_avp.closed_loop.sweep.journal import Finished
 from pcdet_avp.closed_loop.sweep.numbers import csv_text, finite_mean
 from pcdet_avp.closed_loop.sweep.paired import preventable
 from pcdet_avp.closed_loop.sweep.results import EPISODES, SUMMARY
+from pcdet_avp.closed_loop.sweep.unit_figures import pooled_units
 from pcdet_avp.files import write_json, write_text
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
 
 WALL_TIMES = "wall_times.csv"
+UNIT_LINES = (
+    ("maps used", lambda unit: str(unit["maps"])),
+    ("mean size, kB", lambda unit: f"{1e-3 * unit['mean_bytes']:.2f}"),
+    ("mean age, ms", lambda unit: f"{1e3 * unit['mean_age_s']:.0f}"),
+    ("longest gap, s", lambda unit: f"{unit['longest_gap_s']:.2f}"),
+)
 Group = tuple[str, str, str]  # scenario, perception, combo
 
 
@@ -92,6 +100,7 @@ def _cell(rows: list[EpisodeRow], oracle: Mapping[Case, bool]) -> dict[str, Any]
         "missed_outside": sum(f.missed_outside for f in figures),
         "missed_occluded": sum(f.missed_occluded for f in figures),
         "max_lateral_acceleration_mps2": max(row.max_lateral_acceleration_mps2 for row in rows),
+        "units": [asdict(unit) for unit in pooled_units(row.units for row in rows)],
         "preventable": _preventable(rows, oracle),
         **{name: finite_mean(getattr(measured, name) for measured in measures) for name in MEASURES},
     }
@@ -128,7 +137,20 @@ def crash_text(cells: Sequence[Mapping[str, Any]], speeds: Sequence[float]) -> s
         lines.append(_line("  side contacts", speeds, by_speed, lambda c: str(c["side"])))
         lines.append(_line("  mean speed, m/s", speeds, by_speed, lambda c: f"{c['mean_speed_mps']:.1f}"))
         lines.append(_line("  false-brake share", speeds, by_speed, lambda c: f"{c['false_brake_share']:.2f}"))
+        lines += _unit_lines(speeds, by_speed)
     return "\n".join(lines)
+
+
+def _unit_lines(speeds: Sequence[float], cells: Mapping[float, Any]) -> list[str]:
+    """What was used of each roadside unit, where there are several: maps, their size and age, the longest gap."""
+    by_speed = {v: {unit["unit"]: unit for unit in cell["units"]} for v, cell in cells.items()}
+    numbers = sorted({number for units in by_speed.values() for number in units})
+    lines = []
+    for number in numbers if len(numbers) > 1 else ():
+        units = {v: units[number] for v, units in by_speed.items() if number in units}
+        for title, show in UNIT_LINES:
+            lines.append(_line(f"  unit {number}: {title}", speeds, units, show))
+    return lines
 
 
 def _line(title: str, speeds: Sequence[float], cells: Mapping[float, Any], show) -> str:

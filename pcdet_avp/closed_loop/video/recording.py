@@ -79,9 +79,10 @@ def record_episode(
 
 
 def camera_views(world: World, rig: Rig, key: Sequence[int], widest_px: int) -> tuple[AgentView, AgentView]:
-    """What both cameras see of the world as it stands; wider images are made smaller. ``key`` fixes their noise."""
+    """What the cameras of the vehicle and of roadside unit 0 see of the world as it stands; wider images are made
+    smaller. ``key`` fixes their noise."""
     views = []
-    for agent, sensors, pose, tracer in rig.placed_in(world):
+    for agent, sensors, pose, tracer, _, _ in rig.placed_in(world)[:2]:
         camera = _at_most(sensors.camera, widest_px)
         image = render(tracer(), camera, pose, world.lighting, sensor_rng(key, f"{agent}_camera")).image
         views.append(AgentView(pose, camera, image))

@@ -30,6 +30,7 @@ from pcdet_avp.sim.rig import Rig
 from pcdet_avp.sim.scenarios.scenario import Scenario
 from pcdet_avp.structures.boxes import transform_boxes
 from pcdet_avp.structures.pose import Pose
+from pcdet_avp.structures.roadside_unit import mounted_units
 from pcdet_avp.structures.sensor_set import SensorSet
 from pcdet_avp.visualization.time_strip import Curve, TimeStrip
 from pcdet_avp.visualization.video import write_picture, write_video
@@ -57,7 +58,9 @@ def write_episode_video(
     """
     settings = settings or EpisodeSettings()
     recording = record_episode(scenario, perceiver, sensor_set, settings)
-    video = EpisodeVideo(recording, Rig.from_config(data_cfg["SENSORS"]), title, settings)
+    video = EpisodeVideo(
+        recording, Rig.from_config(data_cfg["SENSORS"], mounted_units(data_cfg.get("ROADSIDE_UNITS"))), title, settings
+    )
     ticks = video.ticks()
     shown = tqdm(ticks[::-every][::-1], unit="picture", desc=f"drawing {file.name}")
     fps = 1 / (every * settings.tick_s)

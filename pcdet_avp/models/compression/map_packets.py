@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import torch
 from torch import Tensor, nn
@@ -52,5 +54,11 @@ def to_segments(
 
 def as_latent(known: LatentMap, device: torch.device | str = "cpu") -> Latent:
     """What is known of a map, as a batch of one."""
-    values, received = torch.from_numpy(known.values), torch.from_numpy(known.present)
-    return Latent(values[None].to(device), received[None, None].to(device))
+    return as_latents([known], device)
+
+
+def as_latents(known: Sequence[LatentMap], device: torch.device | str = "cpu") -> Latent:
+    """What is known of several maps of one shape, as a batch."""
+    values = torch.from_numpy(np.stack([each.values for each in known]))
+    received = torch.from_numpy(np.stack([each.present for each in known]))
+    return Latent(values.to(device), received[:, None].to(device))

@@ -14,6 +14,7 @@ from pcdet_avp.models.detectors.build import build_modules
 from pcdet_avp.models.detectors.loadable import LoadableDetector
 from pcdet_avp.models.detectors.map_dropout import drop_roadside_maps, drop_segments
 from pcdet_avp.models.detectors.post_processing import PostProcessing
+from pcdet_avp.models.fusion.units import merge_units
 from pcdet_avp.models.recompute import recomputed
 from pcdet_avp.models.weights.agreement import NetworkMeaning
 from pcdet_avp.registry import DETECTORS
@@ -31,7 +32,7 @@ def received_as_sent(latents: dict) -> dict:
 class AvpCp(LoadableDetector):
     """Collaborative perception of a vehicle and a roadside mast, with OpenPCDet's interface.
 
-    encode -> compress -> link -> decompress -> warp -> fuse -> backbone -> head
+    encode -> compress -> link -> decompress -> warp -> merge units -> fuse -> backbone -> head
 
     One set of weights serves any non-empty subset of the four sources, sample by sample (``source_present``).
     ``link`` maps the roadside's latents, by source, to what the vehicle received of them: whoever sends real bytes
@@ -81,7 +82,7 @@ class AvpCp(LoadableDetector):
 
     def fuse_and_detect(self, batch_dict: dict) -> dict:
         """From the vehicle's maps and ``latents``, what it received (of no source: nothing), to the head's boxes."""
-        for stage in (self.codec.decompress, self.warp, self.fuser, self.backbone_2d, self.dense_head):
+        for stage in (self.codec.decompress, self.warp, merge_units, self.fuser, self.backbone_2d, self.dense_head):
             batch_dict = stage(batch_dict)
         return batch_dict
 

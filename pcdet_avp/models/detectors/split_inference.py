@@ -1,14 +1,16 @@
-"""A network in two places: what runs at the mast ends in bytes, what runs in the vehicle begins with them."""
+"""A network in two places: what runs in a roadside unit ends in bytes, what runs in the vehicle begins with them."""
 
 from __future__ import annotations
 
 from collections.abc import Collection
 
+import numpy as np
 import torch
 from torch import nn
 
 from pcdet_avp.link import LatentMap, MapStamp
-from pcdet_avp.models.compression.map_packets import MapPacker, as_latent, precisions
+from pcdet_avp.link.units import by_source
+from pcdet_avp.models.compression.map_packets import MapPacker, as_latents, precisions
 from pcdet_avp.structures.pose import Pose
 from pcdet_avp.structures.sensor_set import modality_of
 
@@ -31,21 +33,26 @@ class RoadsideHalf:
         self._packer = MapPacker(model.codec, max_segment_bytes, asked_by, budget_bytes)
 
     @torch.no_grad()
-    def segments(self, batch_dict: dict, frame_id: int, time_us: int, world_from_infra: Pose) -> dict[str, list[bytes]]:
-        """source -> segments of one frame's map; ``batch_dict`` as from ``load_batch``, its vehicle unused."""
-        return {
-            source: self._packer.pack(
-                latent.values[0], MapStamp.at_pose(frame_id, time_us, modality_of(source), world_from_infra)
-            )
-            for source, latent in self._model.encode_roadside(batch_dict).items()
-        }
+    def segments(
+        self, batch_dict: dict, frame_id: int, time_us: int, world_from_infra: Pose, sender: int = 0
+    ) -> dict[str, list[bytes]]:
+        """source -> segments of one frame's map; ``batch_dict`` as from ``load_batch``, its vehicle unused.
+
+        ``sender`` is the unit's number at its site.
+        """
+        latents, stamped = self._model.encode_roadside(batch_dict), {}
+        for source, latent in latents.items():
+            stamp = MapStamp.at_pose(frame_id, time_us, modality_of(source), world_from_infra, sender)
+            stamped[source] = self._packer.pack(latent.values[0], stamp)
+        return stamped
 
 
 class VehicleHalf:
     """Sensors and received maps to boxes: the vehicle's encoders and everything behind the link.
 
-    The batch is one frame's, as from ``load_batch``, its roadside unused; maps may be any number of sources, captured
-    at any time. Each is placed by its own pose and ``world_from_ego``, where the vehicle believes to be.
+    The batch is one frame's, as from ``load_batch``, its roadside unused; maps may be of any sources of any number of
+    roadside units, captured at any time, in any order. Each is placed by its own pose and ``world_from_ego``, where the
+    vehicle believes to be. Two of one unit and modality are an error.
     """
 
     def __init__(self, model: nn.Module) -> None:
@@ -64,12 +71,14 @@ class VehicleHalf:
 
     @staticmethod
     def _received(like: torch.Tensor, world_from_ego: Pose, maps: Collection[LatentMap]) -> dict:
-        """``latents`` and ``ego_from_sender`` of the maps, by source, on the device of ``like``."""
-        ego_from_world, by_source = world_from_ego.inverse(), {f"infra_{known.stamp.modality}": known for known in maps}
-        poses, shared = {}, {}
-        for source, known in by_source.items():
-            matrix = (ego_from_world @ known.stamp.world_from_agent).matrix
+        """``latents``, ``ego_from_sender`` and ``map_samples`` of the maps, by source, on the device of ``like``."""
+        ego_from_world, latents, poses, shared = world_from_ego.inverse(), {}, {}, {}
+        for source, of_units in by_source(maps).items():
+            matrices = np.stack([(ego_from_world @ known.stamp.world_from_agent).matrix for known in of_units])
             # A mast stands still: one tensor for all its maps lets the warp compute their geometry once.
-            poses[source] = shared.setdefault(matrix.tobytes(), like.new_tensor(matrix)[None])
-        latents = {source: as_latent(known, like.device) for source, known in by_source.items()}
-        return {"latents": latents, "ego_from_sender": poses}
+            poses[source] = shared.setdefault(matrices.tobytes(), like.new_tensor(matrices))
+            latents[source] = as_latents(of_units, like.device)
+        samples = {
+            source: torch.zeros(len(pose), dtype=torch.int64, device=like.device) for source, pose in poses.items()
+        }
+        return {"latents": latents, "ego_from_sender": poses, "map_samples": samples}

@@ -9,6 +9,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from pcdet_avp.errors import SensorError
 from pcdet_avp.models.cpu_kernels import warp as kernels
 from pcdet_avp.models.cpu_kernels.dispatch import usable
 from pcdet_avp.models.fusion.pooled_statistics import hide
@@ -30,13 +31,16 @@ class WarpToEgo(nn.Module):
         """
         Args: batch_dict:
             bev_maps[infra_*] (B, C, H, W), bev_valid[infra_*] (B, 1, H, W) bool, on the infra grid
-            ego_from_infra (B, 4, 4); ego_from_sender {source: (B, 4, 4)}, optional: of single maps instead
+            ego_from_infra (B, 4, 4); ego_from_sender {source: (B, 4, 4)}, optional: of single maps instead;
+            of several units' maps (U instead of B, see ``fusion.units``) each has its own
         Returns: batch_dict with both replaced by their ego-grid counterparts; out of range is absent.
         """
         maps, masks, around = dict(batch_dict["bev_maps"]), dict(batch_dict["bev_valid"]), {}
         poses = batch_dict.get("ego_from_sender", {})
         for source in [s for s in INFRA_SOURCES if s in maps]:
             pose = poses.get(source, batch_dict["ego_from_infra"])
+            if len(pose) != len(maps[source]):
+                raise SensorError(f"warp: {len(maps[source])} maps of {source}, but {len(pose)} poses")
             if id(pose) not in around:  # both maps mostly share one
                 around[id(pose)] = infra_cells(pose, self.grid)
             maps[source], masks[source] = resample(maps[source], masks[source], *around[id(pose)])

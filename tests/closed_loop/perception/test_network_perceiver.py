@@ -173,7 +173,7 @@ def test_an_old_map_is_placed_by_where_the_vehicle_is_now(driving, rig, scene):
     held = onboard.held(now.time_s)
     found = onboard.run(now, True, False, now.ego.world_from_agent, held)
     sample = prepare(now, SensorSet.parse("C+CL"), driving.input.prepare_config)  # has the pose of this very frame
-    latents = {source: as_latent(known) for source, known in held.items()}
+    latents = {f"infra_{key.modality}": as_latent(known) for key, known in held.items()}
     with torch.no_grad():
         expected = driving.network.run_stages(load_batch(collate([sample]), "cpu"), link=lambda _: latents)
     torch.testing.assert_close(found["spatial_features"], expected["spatial_features"], atol=1e-4, rtol=1e-4)

@@ -62,12 +62,12 @@ def test_medians_leave_out_what_was_not_measured():
 
 
 def test_new_columns_stand_behind_the_old_ones():
-    assert list(COLUMNS) == [*COLUMNS_OF_BC8FDC8, *MEASURES]
+    assert list(COLUMNS) == [*COLUMNS_OF_BC8FDC8, *MEASURES, "units"]
 
 
 def test_a_journal_line_without_measures_is_read_and_says_that_they_are_unknown():
     old = {**dict.fromkeys(COLUMNS_OF_BC8FDC8, 0), "scenario": "pedestrian", "outcome": "none", "crashed": False}
     row = EpisodeRow.from_columns(old)
-    assert row.columns() == {**old, **dict.fromkeys(MEASURES)}
+    assert row.columns() == {**old, **dict.fromkeys(MEASURES), "units": ""}
     with pytest.raises(KeyError, match="unknown"):
         EpisodeRow.from_columns({**old, "luck": 1})
