@@ -51,6 +51,7 @@ def test_an_episode_over_a_lossy_link_that_is_cut(drive, ckpt):
     assert 0.05 <= float(row["message_age_s"]) < 0.2  # a tick at least
 
 
+@pytest.mark.slow
 def test_a_certificate_with_a_dead_camera_names_the_weights(drive, ckpt):
     """The network is sure of nothing, so the first run of the only speed crashes and ends the sequence."""
     folder = drive("model", "--ckpt", ckpt, "--fault", "dead_ego_camera", how=("--certify", "--max_minutes", 30))
