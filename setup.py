@@ -11,6 +11,7 @@ setup(
     package_data={
         "pcdet_avp": ["py.typed"],
         "pcdet_avp.evaluation": ["paper_tables.json"],
+        "pcdet_avp.sim.plans": ["plan.schema.json"],
         "pcdet_avp.visualization.page": ["page.html", "page.css"],
         "pcdet_avp._data.cfgs": ["**/*.yaml"],
         "pcdet_avp._data.weights": ["*.pth", "README.md"],

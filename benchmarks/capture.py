@@ -5,12 +5,14 @@
 "Bare Embree" casts, in the same run and on the same thread, the very rays that the capture cast (both cameras, shadows,
 both LiDARs, label vertices) against one scene of all triangles: no shading, no images, no points, no labels.
 The frame's time includes rebuilding what moves; the static scene is built once per scene and printed apart. Times are
-CPU seconds: whoever else uses the machine disturbs them least.
+CPU seconds: whoever else uses the machine disturbs them least. At the end, wall times of a frame with its sensors one
+after the other and on two threads, in turn, the best of ``--frames`` each: they need two quiet cores.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import resource
 import sys
 import time
@@ -145,6 +147,18 @@ def measure_scene(scene: TrainingScene, rig: Rig, frames: int, clock: Clock) -> 
     return rows
 
 
+def threads_in_turn(scene: TrainingScene, rig: Rig, number: int) -> tuple[float, float]:
+    """Wall seconds of a frame on one thread and on two; whichever is first changes with ``number``."""
+    spent = {}
+    for turn, threads in enumerate((1, 2) if number % 2 else (2, 1)):
+        world = scene.seek(number)
+        world.advance_to(world.time_s + 1e-4 * (turn + 3))
+        start = time.perf_counter()
+        capture(world, rig, (0, 0, number), "0/0", threads=threads)
+        spent[threads] = time.perf_counter() - start
+    return spent[1], spent[2]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cfg", default="cfgs/dataset_configs/avp_full.yaml")
@@ -163,6 +177,11 @@ def main() -> None:
         builds.append(time.process_time() - start)
         rows += measure_scene(scene, rig, args.frames, clock)
     report(np.array(rows), clock, builds, len(scene.world.static_scene))
+    one, two = (min(times) for times in zip(*(threads_in_turn(scene, rig, i) for i in range(args.frames)), strict=True))
+    load = os.getloadavg()[0]
+    print(
+        f"wall time of a frame: {one:.3f} s on one thread, {two:.3f} s on two; ratio {two / one:.2f}; load {load:.1f}"
+    )
     print(f"peak memory of a process that has captured one frame: {peak / 1e9:.2f} GB")
 
 

@@ -19,7 +19,7 @@ OUTSIDE = "repository"
 PAGES = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "weights/README.md")
 CARRIED = ("", ".md", ".py", ".ipynb", ".yaml", ".cff", ".jpg", ".png")  # suffixes of linked files; "" is LICENSE
 PACKAGES = ("structures", "sim", "link", "evaluation", "visualization", "datasets", "models", "engine", "bandwidth")
-PACKAGES += ("closed_loop", "openpcdet")
+PACKAGES += ("closed_loop", "placement", "openpcdet")
 LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\[\]]*\])*)\]\(([^)\s]+)\)")
 BLOCK = re.compile(r"(^```.*?^```)", re.DOTALL | re.MULTILINE)
 

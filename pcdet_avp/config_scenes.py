@@ -13,7 +13,7 @@ from typing import Any
 from pcdet_avp.config_fields import fields_from
 from pcdet_avp.structures.scene_config import EgoZone, GarageConfig, SceneConfig
 
-ELSEWHERE = {"GARAGE": (), "SCENE": ("frames", "frame_interval_s", "garage")}  # fields that other keys set
+ELSEWHERE = {"GARAGE": (), "SCENE": ("frames", "frame_interval_s", "garage", "plan")}  # fields that other keys set
 
 
 def scene_config(generate: Mapping[str, Any]) -> SceneConfig:
@@ -25,6 +25,7 @@ def scene_config(generate: Mapping[str, Any]) -> SceneConfig:
         zones = [fields_from(EgoZone, zone, f"{where}.SCENE.ZONES") for zone in scene["zones"]]
         scene["zones"] = [EgoZone(**_with_tuples(zone)) for zone in zones]
     times = {"frames": generate["FRAMES_PER_SCENE"], "frame_interval_s": float(generate["FRAME_INTERVAL_S"])}
+    times["plan"] = generate.get("PLAN")
     return replace(SceneConfig(), garage=GarageConfig(**_with_tuples(garage)), **_with_tuples(scene), **times)
 
 
@@ -57,19 +58,24 @@ def known_name(key: str, above: Sequence[str]) -> str:
 
 
 def completed(generate: Mapping[str, Any]) -> dict[str, Any]:
-    """GENERATE with every key of GARAGE and SCENE, those that it lacks at their defaults: for comparisons."""
+    """GENERATE with PLAN and every key of GARAGE and SCENE, what it lacks at its default: for comparisons."""
     given = {name: _renamed(generate.get(name) or {}, name) for name in DEFAULTS}
-    return {**generate, **{name: {**DEFAULTS[name], **given[name]} for name in DEFAULTS}}
+    return {**generate, "PLAN": generate.get("PLAN"), **{name: {**DEFAULTS[name], **given[name]} for name in DEFAULTS}}
 
 
 def without_defaults(generate: Mapping[str, Any]) -> dict[str, Any]:
     """GENERATE as it was written before its GARAGE and SCENE were: only what differs from a default, in lower case."""
-    rest = {key: value for key, value in generate.items() if key not in DEFAULTS}
+    rest = {key: value for key, value in _without_no_plan(generate).items() if key not in DEFAULTS}
     for name, defaults in DEFAULTS.items():
         given = _renamed(generate.get(name) or {}, name)
         changed = {k.lower(): v for k, v in given.items() if k not in defaults or v != defaults[k]}
         rest |= {name: changed} if changed else {}
     return rest
+
+
+def _without_no_plan(generate: Mapping[str, Any]) -> dict[str, Any]:
+    """GENERATE as it was before it could name a plan, where it names none."""
+    return {key: value for key, value in generate.items() if key != "PLAN" or value is not None}
 
 
 def _renamed(section: Mapping[str, Any], name: str) -> dict[str, Any]:

@@ -6,6 +6,7 @@ worker changes no byte. Frames that are already there are kept, so the same call
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -22,6 +23,7 @@ from pcdet_avp.datasets.avp.record import has_frame, read_frame, write_frame
 from pcdet_avp.datasets.avp.splits import TEST_SHARE, VAL_SHARE, assign_splits
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.parallel import run_tasks
+from pcdet_avp.sim.plans.read import read_plan
 from pcdet_avp.sim.rig import Rig, capture
 from pcdet_avp.sim.scenarios.training_scene import draw_training_scene
 from pcdet_avp.structures.frame import Frame
@@ -78,6 +80,8 @@ def plan(data_cfg: Mapping, frames: int | None = None, seed: int | None = None) 
         raise ConfigError(
             "DATA_CONFIG.ROADSIDE_UNITS: data sets are made with the one unit at the mast; leave it out here"
         )
+    if settings.get("PLAN"):
+        made_by["PLAN_SHA256"] = hashlib.sha256(Path(read_plan(settings["PLAN"]).file).read_bytes()).hexdigest()
     per_scene = require(settings, "FRAMES_PER_SCENE", int)
     total = require(settings, "SCENES", int) * per_scene if frames is None else frames
     if total < 1 or per_scene < 1:

@@ -15,6 +15,17 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # see pcdet_avp.cli; before
 settings.register_profile("avp", deadline=None, max_examples=50)
 settings.load_profile("avp")
 
+SMALLEST = """
+_BASE_CONFIG_: {base}
+MODEL:
+    CAMERA_ENCODER:
+        IMAGE_BACKBONE: {{BLOCKS: [1], WIDTHS: [16]}}
+        MAP_TO_BEV: {{HEIGHTS: 2}}
+        ATTENTION: null
+    BACKBONE_2D:
+        {{LAYER_NUMS: [1], LAYER_STRIDES: [1], NUM_FILTERS: [16], UPSAMPLE_STRIDES: [1], NUM_UPSAMPLE_FILTERS: [16]}}
+"""
+
 
 @pytest.fixture(scope="session")
 def tiny_data(tmp_path_factory):
@@ -22,12 +33,17 @@ def tiny_data(tmp_path_factory):
 
     Processes that share the tests (``pytest -n 2``) share it, too: the first one makes it, and compiles for all.
     """
-    base = tmp_path_factory.getbasetemp()
-    root = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "tiny_data"
+    root = shared_folder(tmp_path_factory) / "tiny_data"
     with FileLock(f"{root}.lock"):
         if not (root / "dataset.json").exists():
             make_tiny_data(root)
     return root
+
+
+def shared_folder(tmp_path_factory):
+    """A folder of this run that all of its processes have."""
+    base = tmp_path_factory.getbasetemp()
+    return base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
 
 
 def make_tiny_data(root):
@@ -46,10 +62,11 @@ def make_tiny_data(root):
 
 
 @pytest.fixture(scope="session")
-def trained(tiny_data, tmp_path_factory):
-    """Configuration, data set, a tiny network with random weights in every layer, and its checkpoint.
+def to_export(tiny_data, tmp_path_factory):
+    """Configuration and its file, data set, a network with random weights in every layer, and its checkpoint.
 
-    The scores' bias is raised, so that boxes come out.
+    The network is smaller than ``cp_tiny``, because exporting takes seconds for every stage. The scores' bias is
+    raised, so that boxes come out.
     """
     import torch
 
@@ -58,7 +75,10 @@ def trained(tiny_data, tmp_path_factory):
     from pcdet_avp.engine import checkpoint
     from pcdet_avp.models import build_network
 
-    cfg = load_config(Path(__file__).parents[1] / "cfgs" / "avp" / "cp_tiny.yaml")
+    folder = tmp_path_factory.mktemp("trained")
+    base = Path(__file__).parents[1] / "cfgs" / "avp" / "cp_tiny.yaml"
+    (folder / "smallest.yaml").write_text(SMALLEST.format(base=base))
+    cfg = load_config(folder / "smallest.yaml")
     cfg.DATA_CONFIG.DATA_PATH = str(tiny_data)
     dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split="test")
     torch.manual_seed(0)
@@ -67,21 +87,23 @@ def trained(tiny_data, tmp_path_factory):
         if not parameter.any():  # starts at zero: its layer would be idle
             parameter.normal_(std=0.2)
     network.dense_head.conv_cls.bias += 2.0
-    path = tmp_path_factory.mktemp("weights") / "random.pth"
+    path = folder / "random.pth"
     content = {"model_state": network.state_dict(), "meaning": dict(network.meaning.values), "config": plain(cfg)}
     checkpoint.save(path, content | {"score_thresholds": {"Car": 0.1, "Pedestrian": 0.1}})
-    return SimpleNamespace(cfg=cfg, dataset=dataset, network=network, path=path)
+    return SimpleNamespace(cfg=cfg, cfg_file=folder / "smallest.yaml", dataset=dataset, network=network, path=path)
 
 
 @pytest.fixture(scope="session")
-def exported(trained, tmp_path_factory):
-    """The folder that the network of ``trained`` was exported to."""
+def exported(to_export, tmp_path_factory):
+    """The folder that the network of ``to_export`` was exported to; all processes of a run share it."""
     for name in ("onnx", "onnxscript", "onnxruntime"):
         pytest.importorskip(name, reason=f"exporting needs {name}: pip install 'pcdet_avp[export]'")
     from pcdet_avp.models.export.write import export_network
 
-    folder = tmp_path_factory.mktemp("exported") / "tiny"
+    folder = shared_folder(tmp_path_factory) / "exported" / "tiny"
     facts = {"precision": "float32", "weights_hash": "0123", "score_thresholds": {"Car": 0.1, "Pedestrian": 0.1}}
-    shape = trained.dataset.prepare_config.image_shape
-    export_network(trained.network, trained.cfg.CLASS_NAMES, shape, folder, facts)
+    shape = to_export.dataset.prepare_config.image_shape
+    with FileLock(shared_folder(tmp_path_factory) / "exported.lock"):
+        if not folder.exists():
+            export_network(to_export.network, to_export.cfg.CLASS_NAMES, shape, folder, facts)
     return folder

@@ -91,6 +91,7 @@ def test_lower_floors_do_not_look_up():
             "generate",
             "openpcdet",
             "bandwidth",
+            "placement",
             "commands",
             "deploy",
         )
@@ -108,7 +109,11 @@ def test_no_optional_framework_is_needed(floors):
 
 # From the ground up: a room may import those before it. What is not named here is bound by no order.
 PIPELINES = {
-    "pcdet_avp.sim": ["garage", "layouts", "meshes", "rays", "render", "actors", "world", "scenarios", "rig"],
+    "pcdet_avp.sim": ["garage", "layouts", "plans", "meshes", "rays", "render", "actors", "world", "scenarios", "rig"],
+    "pcdet_avp.placement": [
+        *("sensors", "settings", "spots", "candidates", "visibility", "choice", "front"),
+        *("line_of_sight", "safe_speed", "study", "drawing", "figures", "pictures", "report"),
+    ],
     "pcdet_avp.closed_loop": ["policy", "perception", "driver", "encounters", "episode", "sweep", "report", "video"],
     "pcdet_avp.models": ["backbones_image", "backbones_2d", "encoders", "detectors"],
     "pcdet_avp.engine": ["distributed", "testing", "training"],

@@ -31,7 +31,7 @@ from pcdet_avp.closed_loop.sweep.summary import crash_text, summary, write_resul
 from pcdet_avp.closed_loop.sweep.sweep import Sweep, run_sweep
 from pcdet_avp.closed_loop.video.video_sweep import write_sweep_videos
 from pcdet_avp.runtime_arguments import add_runtime_arguments
-from pcdet_avp.sim.scenarios.table import SCENARIOS
+from pcdet_avp.sim.scenarios.table import ON_PLAN, SCENARIOS
 
 SPEEDS_MPS = (3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0)
 
@@ -39,6 +39,7 @@ SPEEDS_MPS = (3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0)
 def parse_arguments() -> argparse.Namespace:
     parser = config_parser("Closed-loop safety.", default="cfgs/avp/cp_full.yaml", weights=True)
     parser.add_argument("--scenario", required=True, metavar="S", help=f"{', '.join(SCENARIOS)}, or module:name")
+    parser.add_argument("--plan", type=path_text, metavar="FILE", help="find the scenario's sites in a garage's plan")
     parser.add_argument("--perception", required=True, metavar="P", help=f"{', '.join(PERCEPTIONS)}, or module:name")
     parser.add_argument("--fault", choices=FAULTS, metavar="F", help=f"a single fault: {', '.join(FAULTS)}")
     parser.add_argument("--ckpt", type=path_text, help=f"for --perception model: {CKPT_HELP}")
@@ -66,6 +67,8 @@ def parse_arguments() -> argparse.Namespace:
 
 def main() -> None:
     args, started = parse_arguments(), time.time()
+    if args.plan:
+        args.scenario = f"{args.scenario}{ON_PLAN}{args.plan}"
     sweep = sweep_of(args, Path("cfgs", "closed_loop.yaml"))
     if args.certify:
         certify(args, sweep, started)
@@ -75,7 +78,7 @@ def main() -> None:
 
 def certify(args: argparse.Namespace, sweep: Sweep, started: float) -> None:
     """Certificate, its page, and the episodes that count."""
-    out = args.out or Path("output", "certificate", f"{sweep.scenario}_{sweep.perception}")
+    out = args.out or Path("output", "certificate", f"{_folder(sweep.scenario)}_{sweep.perception}")
     asked = certification(sweep, args)
     finished = run_certification(asked, out, args.workers, args.scheduler, args.max_minutes)
     meta = sweep_meta(args, asked.sweep, started)
@@ -87,7 +90,7 @@ def certify(args: argparse.Namespace, sweep: Sweep, started: float) -> None:
 
 def fill_tables(args: argparse.Namespace, sweep: Sweep, started: float) -> None:
     """Crash tables, their report, and videos where they are asked for."""
-    out = args.out or Path("output", "safety_eval", f"{sweep.scenario}_{sweep.perception}")
+    out = args.out or Path("output", "safety_eval", f"{_folder(sweep.scenario)}_{sweep.perception}")
     finished = run_sweep(sweep, out, args.workers, args.scheduler)
     write_results(out, finished, sweep_meta(args, sweep, started))
     rows = [finished[case][0] for case in sorted(finished) if case.scenario == sweep.scenario]
@@ -96,6 +99,12 @@ def fill_tables(args: argparse.Namespace, sweep: Sweep, started: float) -> None:
     print(f"\nwrote {write_report(out)}")
     for file in write_sweep_videos(sweep, finished, out / "videos") if args.video else ():
         print(f"wrote {file}")
+
+
+def _folder(scenario: str) -> str:
+    """A scenario's name as a folder's: with the plan's name where it plays on one."""
+    short, _, plan = scenario.partition(ON_PLAN)
+    return f"{short}_{Path(plan).stem}" if plan else short
 
 
 run = partial(run_tool, main)

@@ -59,7 +59,7 @@ class OpenVino:
 
     def __init__(self, threads: int) -> None:
         library = _library("openvino")
-        self._core, self.version = library.Core(), library.__version__
+        self._core, self.version = library.Core(), library.__version__.partition("-")[0]
         self._options = {
             PRECISION_HINT: "f32",
             "INFERENCE_NUM_THREADS": threads,

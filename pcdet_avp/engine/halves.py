@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import argparse
 import logging
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from typing import Any, Protocol
 
 import numpy as np
@@ -46,32 +46,43 @@ def open_roadside(args: argparse.Namespace, cfg: Mapping, max_segment_bytes: int
     """The roadside's half for ``--runtime`` with ``--ckpt`` or ``--exported``."""
     if args.runtime != TORCH:
         return open_deployed(args.exported, args.runtime, cfg).roadside(max_segment_bytes, budget_bytes)
-    from pcdet_avp.models.detectors.split_inference import RoadsideHalf
-
-    half = RoadsideHalf(_network(args, cfg), max_segment_bytes, budget_bytes)
-    return _InTorch(segments=half.segments)
+    return _RoadsideInTorch(_network(args, cfg), max_segment_bytes, budget_bytes)
 
 
 def open_vehicle(args: argparse.Namespace, cfg: Mapping) -> Vehicle:
     """The vehicle's half for ``--runtime`` with ``--ckpt`` or ``--exported``."""
     if args.runtime != TORCH:
         return open_deployed(args.exported, args.runtime, cfg).vehicle()
-    from pcdet_avp.models.detectors.split_inference import VehicleHalf
-
-    half = VehicleHalf(_network(args, cfg))
-    return _InTorch(detect=lambda *inputs: {key: value.numpy() for key, value in half.detect(*inputs).items()},
-                    shape=half.shape)  # fmt: skip
+    return _VehicleInTorch(_network(args, cfg))
 
 
-class _InTorch:
-    """A half of ``models.detectors.split_inference`` that is given samples instead of batches."""
+class _RoadsideInTorch:
+    def __init__(self, model: Any, max_segment_bytes: int, budget_bytes: int) -> None:
+        from pcdet_avp.models.detectors.split_inference import RoadsideHalf
 
-    def __init__(self, shape: tuple[int, int, int] | None = None, **calls: Callable) -> None:
-        from pcdet_avp.datasets.avp.collate import collate, load_batch
+        self._half = RoadsideHalf(model, max_segment_bytes, budget_bytes)
 
-        self.shape = shape
-        for name, call in calls.items():
-            setattr(self, name, lambda sample, *rest, call=call: call(load_batch(collate([sample]), "cpu"), *rest))
+    def segments(self, sample: Sample, frame_id: int, time_us: int, world_from_infra: Pose) -> dict[str, list[bytes]]:
+        return self._half.segments(_batch_of(sample), frame_id, time_us, world_from_infra)
+
+
+class _VehicleInTorch:
+    def __init__(self, model: Any) -> None:
+        from pcdet_avp.models.detectors.split_inference import VehicleHalf
+
+        self._half = VehicleHalf(model)
+        self.shape = self._half.shape
+
+    def detect(self, sample: Sample, world_from_ego: Pose, maps: Collection[LatentMap]) -> dict[str, np.ndarray]:
+        found = self._half.detect(_batch_of(sample), world_from_ego, maps)
+        return {key: value.numpy() for key, value in found.items()}
+
+
+def _batch_of(sample: Sample) -> dict:
+    """The batch of one sample, as tensors."""
+    from pcdet_avp.datasets.avp.collate import collate, load_batch
+
+    return load_batch(collate([dict(sample)]), "cpu")
 
 
 def _network(args: argparse.Namespace, cfg: Mapping) -> Any:

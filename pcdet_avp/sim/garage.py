@@ -24,11 +24,21 @@ TUBE_HALF_LENGTH_M = 0.6  # a lamp is a tube along the world's x axis (ours)
 
 @dataclass(frozen=True)
 class Slot:
-    """A perpendicular parking slot: centre x, y, and the heading of its axis pointing from the road inwards."""
+    """A parking slot: centre x, y, the heading of its axis pointing from the road inwards, width and depth (m).
+
+    Drawn garages have perpendicular slots of the paper's size only; those of a plan stand at any angle.
+    """
 
     x: float
     y: float
-    heading: float  # rad: +pi/2 for the row at y > 0, -pi/2 for the row at y < 0
+    heading: float  # rad: in drawn garages +pi/2 for the row at y > 0, -pi/2 for the row at y < 0
+    width: float = SLOT_WIDTH_M
+    depth: float = SLOT_DEPTH_M
+
+    @property
+    def box(self) -> tuple[float, float, float, float, float, float, float]:
+        """Its floor as x, y, z, dx, dy, dz, heading, one metre high."""
+        return self.x, self.y, 0.5, self.depth, self.width, 1.0, self.heading
 
 
 @dataclass(frozen=True)
@@ -38,11 +48,15 @@ class Pillar:
     x: float
     y: float
     size: float
+    heading: float = 0.0  # rad, of one of its sides
 
 
 @dataclass(frozen=True)
 class Wall:
-    """A straight wall between two floor points, ``height`` tall (a parapet where lower than the ceiling)."""
+    """A straight wall between two floor points, ``height`` tall (a parapet where lower than the ceiling).
+
+    ``end_height``: a ramp's wall, whose top rises or falls evenly to so much at its second point.
+    """
 
     x0: float
     y0: float
@@ -50,13 +64,19 @@ class Wall:
     y1: float
     height: float
     thickness: float = 0.2
+    end_height: float | None = None
+
+    @property
+    def top(self) -> float:
+        """Height of its highest point, m."""
+        return self.height if self.end_height is None else max(self.height, self.end_height)
 
     @property
     def box(self) -> tuple[float, float, float, float, float, float, float]:
         """Its body as x, y, z, dx, dy, dz, heading."""
         along = self.x1 - self.x0, self.y1 - self.y0
-        size = float(np.hypot(*along)), self.thickness, self.height
-        centre = (self.x0 + self.x1) / 2, (self.y0 + self.y1) / 2, self.height / 2
+        size = float(np.hypot(*along)), self.thickness, self.top
+        centre = (self.x0 + self.x1) / 2, (self.y0 + self.y1) / 2, self.top / 2
         return (*centre, *size, float(np.arctan2(along[1], along[0])))
 
 

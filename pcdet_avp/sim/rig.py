@@ -7,24 +7,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from pcdet_avp.errors import ConfigError, SensorError
+from pcdet_avp.sim.plans.floor import Unit
 from pcdet_avp.sim.rays.lidar import LidarNoise, sweep
 from pcdet_avp.sim.rays.raytracer import RayTracer
 from pcdet_avp.sim.render.camera import render
+from pcdet_avp.sim.render.lights import Lighting
 from pcdet_avp.sim.visibility import visible_vertices
 from pcdet_avp.sim.world import World
 from pcdet_avp.structures.boxes import transform_boxes
 from pcdet_avp.structures.camera import PinholeCamera
 from pcdet_avp.structures.frame import AgentView, Frame, Labels
-from pcdet_avp.structures.lidar_scan import LidarModel
+from pcdet_avp.structures.lidar_scan import LidarModel, LidarScan
 from pcdet_avp.structures.pose import Pose
 from pcdet_avp.structures.roadside_unit import MountedUnit
 from pcdet_avp.structures.sensor_set import EGO_SOURCES, INFRA_SOURCES, SOURCES
+
+MODALITIES = ("camera", "lidar")
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +48,16 @@ class AgentRig:
             return cls(_camera(cfg["CAMERA"]), _lidar(cfg["LIDAR"]), _lidar_noise(cfg["LIDAR"]))
         except KeyError as missing:
             raise ConfigError(f"DATA_CONFIG.SENSORS: missing key {missing}") from None
+
+    def hung_as(self, unit: Unit | None) -> AgentRig:
+        """The same sensors at the height and pitch of a roadside unit; unchanged where there is none."""
+        if unit is None:
+            return self
+        mount = Pose.from_xyz_yaw(0.0, 0.0, unit.z, pitch_down=unit.pitch_down)
+        hfov = 2 * np.arctan(self.camera.width / 2 / self.camera.fx)
+        size = self.camera.width, self.camera.height
+        camera = PinholeCamera.looking_ahead(*size, hfov, 0.0, unit.z, unit.pitch_down)
+        return replace(self, camera=camera, lidar=replace(self.lidar, agent_from_lidar=mount))
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +94,8 @@ class Rig:
     def units_in(self, world: World) -> tuple[PlacedRig, ...]:
         """The sensors of every roadside unit, by number."""
         if not self.units:
-            return (PlacedRig("infra", self.infra, world.world_from_infra, world.infra_tracer, INFRA_SOURCES),)
+            rig = self.infra.hung_as(world.unit)
+            return (PlacedRig("infra", rig, world.world_from_infra, world.infra_tracer, INFRA_SOURCES),)
         return tuple(
             PlacedRig("infra", rig, unit.world_from_unit, world.infra_tracer, unit.sources, number)
             for number, (unit, rig) in enumerate(self.units)
@@ -122,22 +138,31 @@ def _lidar_noise(cfg: Mapping) -> LidarNoise:
     return LidarNoise(cfg["DROP_OFF"], cfg["RANGE_NOISE_M"], cfg.get("MATERIAL_INTENSITY", True))
 
 
-def capture(world: World, rig: Rig, key: Sequence[int], frame_id: str, sources: Sequence[str] = SOURCES) -> Frame:
+def capture(
+    world: World,
+    rig: Rig,
+    key: Sequence[int],
+    frame_id: str,
+    sources: Sequence[str] = SOURCES,
+    threads: int = 1,
+) -> Frame:
     """What the sensors in ``sources`` see of the world as it stands now, with the ground truth of every road user.
 
     ``key`` (for example seed, scene, frame) fixes all sensor noise; each sensor has a random stream of its own,
-    so that a sensor's data do not depend on which others are captured.
+    so that a sensor's data do not depend on which others are captured. ``threads``: so many sensors at the same
+    time, with the same bytes; one where processes run side by side already.
     """
-    ego, infra = _of_one_unit(rig.placed_in(world))
-    (ego_view, behind_ego), (infra_view, behind_infra) = (_observe(each, world, key, sources) for each in (ego, infra))
-    labels = _labels(world, rig, behind_ego | behind_infra)
-    return Frame(frame_id, world.time_s, ego_view, infra_view, labels)
+    (ego, infra), instances = _views(_one_unit(rig, world), world, key, sources, threads)
+    behind = {source: found for (_, source), found in instances.items()}
+    return Frame(frame_id, world.time_s, ego, infra, _labels(world, rig, behind))
 
 
-def observe(world: World, rig: Rig, key: Sequence[int], frame_id: str, sources: Sequence[str]) -> Frame:
+def observe(
+    world: World, rig: Rig, key: Sequence[int], frame_id: str, sources: Sequence[str], threads: int = 1
+) -> Frame:
     """The same frame without its ground truth: all that a vehicle on the road has."""
-    _of_one_unit(rig.placed_in(world))
-    return observe_units(world, rig, key, frame_id, sources)[0]
+    (ego, infra), _ = _views(_one_unit(rig, world), world, key, sources, threads)
+    return Frame(frame_id, world.time_s, replace(ego, depth=None), replace(infra, depth=None))
 
 
 def observe_units(
@@ -147,23 +172,53 @@ def observe_units(
     frame_id: str,
     sources: Sequence[str],
     silent: Collection[int] = (),
+    threads: int = 1,
 ) -> list[Frame]:
     """What the sensors in ``sources`` see: one frame for each roadside unit, by number, all with the same ego.
 
     A unit captures with those of the sensors that it has; one whose number is in ``silent`` captures nothing. The noise
     of unit 0 is what it is without other units; every unit has a stream of its own.
     """
-    ego, *units = rig.placed_in(world)
-    ego_view = replace(_observe(ego, world, key, sources)[0], depth=None)
-    views = [_observe(unit, world, key, () if unit.unit in silent else sources)[0] for unit in units]
-    return [Frame(frame_id, world.time_s, ego_view, replace(view, depth=None)) for view in views]
+    (ego, *units), _ = _views(rig.placed_in(world), world, key, sources, threads, silent)
+    ego = replace(ego, depth=None)
+    return [Frame(frame_id, world.time_s, ego, replace(unit, depth=None)) for unit in units]
 
 
-def _of_one_unit(placed: tuple[PlacedRig, ...]) -> tuple[PlacedRig, PlacedRig]:
+def _one_unit(rig: Rig, world: World) -> tuple[PlacedRig, ...]:
     """Ego and unit; a frame has no place for further ones."""
+    placed = rig.placed_in(world)
     if len(placed) != 2:
         raise SensorError(f"a frame holds one roadside unit, the rig has {len(placed) - 1}: see observe_units")
     return placed
+
+
+def _views(
+    placed: Sequence[PlacedRig],
+    world: World,
+    key: Sequence[int],
+    sources: Sequence[str],
+    threads: int,
+    silent: Collection[int] = (),
+) -> tuple[list[AgentView], dict[tuple[int, str], np.ndarray]]:
+    """Every agent's view, and by unit and source the instance number behind each of its pixels or points."""
+    sensors = [
+        Sensor(each, modality, key)
+        for modality in MODALITIES  # cameras, which take longest, before LiDARs
+        for each in placed
+        if f"{each.agent}_{modality}" in sources and f"{each.agent}_{modality}" in each.sources
+        if each.agent == "ego" or each.unit not in silent
+    ]
+    seen = _captured(sensors, world, threads)
+    return [_view(each, seen) for each in placed], {which: found[-1] for which, found in seen.items()}
+
+
+def _view(placed: PlacedRig, seen: Mapping[tuple[int, str], tuple]) -> AgentView:
+    """One agent's view of what was captured."""
+    camera, lidar = f"{placed.agent}_camera", f"{placed.agent}_lidar"
+    image, depth = seen.get((placed.unit, camera), (None, None))[:2]
+    model = placed.rig.camera if camera in placed.sources else None
+    view, swept = AgentView(placed.world_from_agent, model, image, depth), seen.get((placed.unit, lidar))
+    return view if swept is None else replace(view, points=swept[0].points(), scan=swept[0])
 
 
 def _labels(world: World, rig: Rig, instances: Mapping[str, np.ndarray]) -> Labels:
@@ -177,21 +232,47 @@ def _labels(world: World, rig: Rig, instances: Mapping[str, np.ndarray]) -> Labe
     return Labels(boxes, users.names, users.object_ids, seen, hit_counts)
 
 
-def _observe(
-    placed: PlacedRig, world: World, key: Sequence[int], sources: Sequence[str]
-) -> tuple[AgentView, dict[str, np.ndarray]]:
-    """One agent's view, and per source the instance number behind each of its pixels or points."""
-    agent, rig, pose, tracer, has, unit = placed
-    instances: dict[str, np.ndarray] = {}
-    image = depth = points = scan = None
-    camera, lidar = f"{agent}_camera", f"{agent}_lidar"
-    if camera in sources and camera in has:
-        rendered = render(tracer(), rig.camera, pose, world.lighting, sensor_rng(key, camera, unit))
-        image, depth, instances[camera] = rendered.image, rendered.depth, rendered.instance
-    if lidar in sources and lidar in has:
-        scan, behind = sweep(tracer(), rig.lidar, pose, rig.lidar_noise, sensor_rng(key, lidar, unit))
-        points, instances[lidar] = scan.points(), behind
-    return AgentView(pose, rig.camera if camera in has else None, image, depth, points, scan), instances
+class Sensor(NamedTuple):
+    """One sensor at one tick; ``key`` is the frame's."""
+
+    placed: PlacedRig
+    modality: str
+    key: Sequence[int]
+
+    @property
+    def source(self) -> str:
+        return f"{self.placed.agent}_{self.modality}"
+
+    @property
+    def which(self) -> tuple[int, str]:
+        """The unit's number and the source, which no two sensors share."""
+        return self.placed.unit, self.source
+
+    def picture(self, lighting: Lighting) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Image, depth, and the instance number behind each pixel."""
+        placed, rng = self.placed, sensor_rng(self.key, self.source, self.placed.unit)
+        rendered = render(placed.tracer(), placed.rig.camera, placed.world_from_agent, lighting, rng)
+        return rendered.image, rendered.depth, rendered.instance
+
+    def scan(self) -> tuple[LidarScan, np.ndarray]:
+        """A sweep, and the instance number behind each of its points."""
+        placed, rng = self.placed, sensor_rng(self.key, self.source, self.placed.unit)
+        return sweep(placed.tracer(), placed.rig.lidar, placed.world_from_agent, placed.rig.lidar_noise, rng)
+
+
+def _captured(sensors: Sequence[Sensor], world: World, threads: int) -> dict[tuple[int, str], tuple]:
+    """By unit and source what ``Sensor.picture`` or ``Sensor.scan`` returns."""
+
+    def take(sensor: Sensor) -> tuple:
+        return sensor.picture(lighting) if sensor.modality == "camera" else sensor.scan()
+
+    lighting = world.lighting
+    if threads <= 1 or len(sensors) <= 1:
+        return {sensor.which: take(sensor) for sensor in sensors}
+    for sensor in sensors:
+        sensor.placed.tracer().prepare()
+    with ThreadPoolExecutor(threads) as pool:
+        return {sensor.which: found for sensor, found in zip(sensors, pool.map(take, sensors), strict=True)}
 
 
 def sensor_rng(key: Sequence[int], source: str, unit: int = 0) -> np.random.Generator:

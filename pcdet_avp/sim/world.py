@@ -1,6 +1,7 @@
 """The garage with every road user in it at one time; it advances in time and answers rays.
 
-The mast stands at the world's origin and faces -x. The ego's own car is in the mast's scene and not in its own.
+In a drawn garage the mast stands at the world's origin and faces -x; on a plan's floor the roadside unit
+stands where it is put. The ego's own car is in the roadside unit's scene and not in its own.
 """
 
 from __future__ import annotations
@@ -17,7 +18,9 @@ from pcdet_avp.sim.garage import GarageLayout
 from pcdet_avp.sim.meshes.building import building_mesh
 from pcdet_avp.sim.meshes.car import car_mesh
 from pcdet_avp.sim.meshes.car_spec import CarSpec
+from pcdet_avp.sim.meshes.floor_building import floor_mesh
 from pcdet_avp.sim.meshes.mesh import Mesh
+from pcdet_avp.sim.plans.floor import FloorLayout, Unit
 from pcdet_avp.sim.rays.face_tables import FaceRoom
 from pcdet_avp.sim.rays.raytracer import RayTracer, TriangleScene
 from pcdet_avp.sim.rays.sightline import Sight
@@ -30,6 +33,8 @@ from pcdet_avp.structures.pose import Pose
 BUILDING_INSTANCE = -1
 EGO_INSTANCE = -2
 EGO_SPEC = CarSpec("sedan", EGO_LENGTH_M, EGO_WIDTH_M, 1.5, (0.55, 0.56, 0.58))
+
+MAST = Pose.from_xyz_yaw(0.0, 0.0, yaw=np.pi)  # world_from_infra of drawn garages
 
 MOVING = (
     "road_users",
@@ -56,14 +61,19 @@ class RoadUsers:
 class World:
     """A layout, its actors on scripted trajectories and the ego, whose pose is set from outside."""
 
-    world_from_infra = Pose.from_xyz_yaw(0.0, 0.0, yaw=np.pi)
-
     def __init__(
-        self, layout: GarageLayout, actors: Sequence[Actor], lighting: Lighting, reversing: bool = False
+        self,
+        layout: GarageLayout | FloorLayout,
+        actors: Sequence[Actor],
+        lighting: Lighting,
+        reversing: bool = False,
+        unit: Unit | None = None,
     ) -> None:
         """``lighting`` without head lamps: those of moving cars and of the ego are added. ``reversing``: the ego frame
-        faces where the ego drives to, and its body faces the other way."""
-        self.layout, self.time_s = layout, 0.0
+        faces where the ego drives to, and its body faces the other way. ``unit``: the roadside unit, in the world
+        frame; by default one at the origin that faces -x, as high as the rig says."""
+        self.layout, self.time_s, self.unit = layout, 0.0, unit
+        self.world_from_infra = MAST if unit is None else unit.plan_from_unit
         self._ego_from_body = Pose.from_xyz_yaw(0.0, 0.0, yaw=np.pi if reversing else 0.0)
         self._lighting = lighting
         self._actors = {actor.object_id: actor for actor in actors}
@@ -180,7 +190,8 @@ class World:
 
 
 @lru_cache(maxsize=2)
-def _static_scene(layout: GarageLayout, standing: tuple[Actor, ...]) -> TriangleScene:
+def _static_scene(layout: GarageLayout | FloorLayout, standing: tuple[Actor, ...]) -> TriangleScene:
     """Kept for the next world with the same garage and parked cars: half a second's work."""
     parked = [(actor.mesh_at(0.0), actor.object_id) for actor in standing]
-    return TriangleScene([(building_mesh(layout), BUILDING_INSTANCE), *parked])
+    building = floor_mesh(layout.floor) if isinstance(layout, FloorLayout) else building_mesh(layout)
+    return TriangleScene([(building, BUILDING_INSTANCE), *parked])

@@ -93,7 +93,7 @@ class LidarScan:
         return _points(self.range_mm, self.intensity, self.model.directions(), origin)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _points(range_mm, intensity, directions, origin):
     points = np.empty((np.count_nonzero(range_mm), 4), np.float32)
     n = 0

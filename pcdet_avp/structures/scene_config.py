@@ -66,6 +66,7 @@ class SceneConfig:
     at_junction: tuple[int, int] = (1, 2)
     same_lane: tuple[int, int] = (0, 1)
     opposite_lane: tuple[int, int] = (0, 2)
+    plan: str | None = None  # file of a garage's plan; None: garages are drawn
 
     def __post_init__(self) -> None:
         check_ranges(self)

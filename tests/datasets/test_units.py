@@ -223,3 +223,19 @@ def test_a_version_of_the_future_is_refused_in_both_files(two_units):
     edit(two_units, lambda content: content.update(schema_version=3))
     with pytest.raises(RecordError, match=r"frame.json: schema_version: this package reads .* 1 and 2, found 3"):
         read_frame(two_units, ID)
+
+
+# ---------------------------------------------------------------- images as they came
+
+
+def test_images_that_came_as_files_are_stored_byte_by_byte(tmp_path, make_frame):
+    record = record_of(make_frame, infra=1)
+    quality = [cv2.IMWRITE_JPEG_QUALITY, 90]
+    jpeg = cv2.imencode(".jpg", record.ego.image[..., ::-1], quality)[1].tobytes()
+    decoded = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
+    record = replace(record, ego=replace(record.ego, image=decoded))
+    write_record(tmp_path, record, {"ego": jpeg})
+    folder = frame_dir(tmp_path, ID)
+    assert (folder / "ego_camera.jpg").read_bytes() == jpeg
+    assert (folder / "infra_camera.png").exists()
+    np.testing.assert_array_equal(read_frame(tmp_path, ID).ego.image, decoded)

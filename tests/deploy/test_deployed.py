@@ -19,9 +19,9 @@ LARGEST_DIFFERENCE = 0.01  # of a latent's value, ours: the design document's
 
 
 @pytest.fixture(scope="module", params=["onnxruntime", "openvino"])
-def deployed(request, trained, exported):
+def deployed(request, to_export, exported):
     pytest.importorskip(request.param, reason=f"needs {request.param}: pip install 'pcdet_avp[deploy]'")
-    return open_deployed(exported, request.param, trained.cfg, threads=1)
+    return open_deployed(exported, request.param, to_export.cfg, threads=1)
 
 
 @pytest.fixture(scope="module")
@@ -31,21 +31,21 @@ def halves(deployed):
 
 
 @pytest.fixture(scope="module")
-def in_torch(trained):
-    return RoadsideHalf(trained.network, SEGMENT_BYTES), VehicleHalf(trained.network)
+def in_torch(to_export):
+    return RoadsideHalf(to_export.network, SEGMENT_BYTES), VehicleHalf(to_export.network)
 
 
-def sample_of(frame, trained, combo="CL+CL"):
-    return prepare(frame, SensorSet.parse(combo), trained.dataset.prepare_config)
+def sample_of(frame, to_export, combo="CL+CL"):
+    return prepare(frame, SensorSet.parse(combo), to_export.dataset.prepare_config)
 
 
-def test_the_same_map_gives_torchs_bytes(trained, exported, frames):
+def test_the_same_map_gives_torchs_bytes(to_export, exported, frames):
     pytest.importorskip("onnxruntime")
-    half = open_deployed(exported, "onnxruntime", trained.cfg, threads=2).roadside(SEGMENT_BYTES)
-    batch, sent = load_batch(collate([sample_of(frames[0], trained)]), "cpu"), 0
+    half = open_deployed(exported, "onnxruntime", to_export.cfg, threads=2).roadside(SEGMENT_BYTES)
+    batch, sent = load_batch(collate([sample_of(frames[0], to_export)]), "cpu"), 0
     with torch.no_grad():
-        encoded = trained.network.encode(batch, INFRA_SOURCES)
-        latents = trained.network.codec.compress(encoded)["latents"]
+        encoded = to_export.network.encode(batch, INFRA_SOURCES)
+        latents = to_export.network.codec.compress(encoded)["latents"]
     for source, latent in latents.items():
         stamp = MapStamp(7, 350_000, source.removeprefix("infra_"), 1.0, 2.0, 0.5)
         ours = half.pack(half.compress(encoded["bev_maps"][source].numpy(), source), stamp)
@@ -55,9 +55,9 @@ def test_the_same_map_gives_torchs_bytes(trained, exported, frames):
     assert sent > 100
 
 
-def test_the_whole_roadside_half_sends_nearly_torchs_map(trained, halves, in_torch, frames):
+def test_the_whole_roadside_half_sends_nearly_torchs_map(to_export, halves, in_torch, frames):
     for frame in frames:
-        sample, pose = sample_of(frame, trained), frame.infra.world_from_agent
+        sample, pose = sample_of(frame, to_export), frame.infra.world_from_agent
         ours = halves[0].segments(sample, 1, 50_000, pose)
         theirs = in_torch[0].segments(load_batch(collate([sample]), "cpu"), 1, 50_000, pose)
         assert set(ours) == set(theirs) == set(INFRA_SOURCES)
@@ -70,9 +70,9 @@ def test_the_whole_roadside_half_sends_nearly_torchs_map(trained, halves, in_tor
 
 
 @pytest.mark.parametrize("combo", ["C+none", "CL+none", "C+CL", "CL+CL"])
-def test_detections_are_near_torchs(trained, halves, in_torch, frames, combo):
+def test_detections_are_near_torchs(to_export, halves, in_torch, frames, combo):
     for frame in frames:
-        sample, pose = sample_of(frame, trained, combo), frame.ego.world_from_agent
+        sample, pose = sample_of(frame, to_export, combo), frame.ego.world_from_agent
         batch = load_batch(collate([sample]), "cpu")
         sent = in_torch[0].segments(batch, 1, 0, frame.infra.world_from_agent) if "none" not in combo else {}
         maps = [decode(segments) for segments in sent.values()]
@@ -89,8 +89,8 @@ def test_detections_are_near_torchs(trained, halves, in_torch, frames, combo):
             assert abs(ours["pred_scores"][same][off.argmin()] - score) < 0.005
 
 
-def test_a_lossy_link_ends_in_torchs_boxes_too(trained, halves, in_torch, frames):
-    frame, sample = frames[0], sample_of(frames[0], trained)
+def test_a_lossy_link_ends_in_torchs_boxes_too(to_export, halves, in_torch, frames):
+    frame, sample = frames[0], sample_of(frames[0], to_export)
     batch, pose = load_batch(collate([sample]), "cpu"), frames[0].ego.world_from_agent
     receiver = Receiver(halves[1].shape)
     for source, segments in halves[0].segments(sample, 1, 0, frame.infra.world_from_agent).items():
@@ -116,24 +116,24 @@ def _run(half, sample, world_from_ego, received):
     return half.run(sample, placed)
 
 
-def test_an_empty_cloud_is_a_map_of_no_points(trained, halves, in_torch, frames):
-    sample = sample_of(frames[0], trained) | {"points_infra": np.zeros((0, 4), np.float32)}
+def test_an_empty_cloud_is_a_map_of_no_points(to_export, halves, in_torch, frames):
+    sample = sample_of(frames[0], to_export) | {"points_infra": np.zeros((0, 4), np.float32)}
     batch = load_batch(collate([sample]), "cpu")
     with torch.no_grad():
-        expected = trained.network.encode_roadside(batch)["infra_lidar"].values[0].numpy()
+        expected = to_export.network.encode_roadside(batch)["infra_lidar"].values[0].numpy()
     np.testing.assert_allclose(halves[0].latents(sample)["infra_lidar"], expected, atol=LARGEST_DIFFERENCE)
 
 
-def test_without_any_sensor_there_is_nothing_to_fuse(trained, halves, frames):
-    sample = sample_of(frames[0], trained, "C+none") | {"source_present": np.zeros(4, bool)}
+def test_without_any_sensor_there_is_nothing_to_fuse(to_export, halves, frames):
+    sample = sample_of(frames[0], to_export, "C+none") | {"source_present": np.zeros(4, bool)}
     with pytest.raises(SensorError, match="no feature map from any of the four sources"):
         halves[1].detect(sample, frames[0].ego.world_from_agent, [])
 
 
-def test_threads_change_no_answer(trained, exported, frames):
+def test_threads_change_no_answer(to_export, exported, frames):
     pytest.importorskip("onnxruntime")
-    sample = sample_of(frames[0], trained)
-    found = [open_deployed(exported, "onnxruntime", trained.cfg, threads=n).roadside(400) for n in (1, 4)]
+    sample = sample_of(frames[0], to_export)
+    found = [open_deployed(exported, "onnxruntime", to_export.cfg, threads=n).roadside(400) for n in (1, 4)]
     one, four = (half.latents(sample)["infra_lidar"] for half in found)
     for _ in range(5):  # what races shows up now and then
         np.testing.assert_allclose(four, one, atol=LARGEST_DIFFERENCE)

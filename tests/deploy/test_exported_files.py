@@ -24,10 +24,10 @@ def changed(folder, **keys):
     (folder / MANIFEST).write_text(json.dumps({**content, **keys}))
 
 
-def test_the_manifest_says_what_the_weights_mean(exported, trained):
+def test_the_manifest_says_what_the_weights_mean(exported, to_export):
     content = json.loads((exported / MANIFEST).read_text())
     assert content["meaning"]["CLASS_NAMES"] == ["Car", "Pedestrian"]
-    assert content["meaning"] == json.loads(json.dumps(dict(trained.network.meaning.values)))
+    assert content["meaning"] == json.loads(json.dumps(dict(to_export.network.meaning.values)))
     assert content["precision"] == "float32"
     assert content["network"]["class_names"] == ["Car", "Pedestrian"]
     assert content["network"]["cameras"]["ego"]["bins"]["count"] == 24
@@ -86,35 +86,35 @@ def test_what_is_no_exported_network_is_refused(copy, tmp_path):
             Exported.read(copy)
 
 
-def test_weights_of_another_configuration_are_refused_by_key(copy, trained):
+def test_weights_of_another_configuration_are_refused_by_key(copy, to_export):
     pytest.importorskip("onnxruntime")
     meaning = json.loads((copy / MANIFEST).read_text())["meaning"]
     changed(copy, meaning={**meaning, "CLASS_NAMES": ["Pedestrian", "Car"]})
     with pytest.raises(ExportError, match=r"CLASS_NAMES is .*--ignore_config CLASS_NAMES"):
-        open_deployed(copy, "onnxruntime", trained.cfg)
+        open_deployed(copy, "onnxruntime", to_export.cfg)
 
 
-def test_an_export_that_fails_leaves_nothing(trained, tmp_path, monkeypatch):
+def test_an_export_that_fails_leaves_nothing(to_export, tmp_path, monkeypatch):
     def fails(piece, content):
         raise ExportError(f"{piece.file}: made to fail")
 
     monkeypatch.setattr(write, "graph_of", lambda piece: b"")
     monkeypatch.setattr(write, "compare", fails)
     with pytest.raises(ExportError, match=r"roadside/camera.onnx: made to fail"):
-        write.export_network(trained.network, trained.cfg.CLASS_NAMES, (108, 192), tmp_path / "out", {})
+        write.export_network(to_export.network, to_export.cfg.CLASS_NAMES, (108, 192), tmp_path / "out", {})
     assert list(tmp_path.iterdir()) == []
 
 
-def test_only_an_earlier_export_is_replaced(trained, tmp_path, monkeypatch):
+def test_only_an_earlier_export_is_replaced(to_export, tmp_path, monkeypatch):
     monkeypatch.setattr(write, "graph_of", lambda piece: b"")
     monkeypatch.setattr(write, "compare", lambda piece, content: 0.0)
     for _ in range(2):
-        files = write.export_network(trained.network, trained.cfg.CLASS_NAMES, (108, 192), tmp_path / "out", {})
+        files = write.export_network(to_export.network, to_export.cfg.CLASS_NAMES, (108, 192), tmp_path / "out", {})
         assert len(files) == 15
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.tex").write_text("years of work")
     with pytest.raises(OutputError, match="holds something that is no exported network"):
-        write.export_network(trained.network, trained.cfg.CLASS_NAMES, (108, 192), tmp_path / "mine", {})
+        write.export_network(to_export.network, to_export.cfg.CLASS_NAMES, (108, 192), tmp_path / "mine", {})
     assert (tmp_path / "mine" / "thesis.tex").exists()
 
 

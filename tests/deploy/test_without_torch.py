@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-CFG = ROOT / "cfgs" / "avp" / "cp_tiny.yaml"
 COMMANDS = re.findall(r"^pip install (.*)$", (ROOT / "requirements-deploy.txt").read_text().replace("#   ", ""), re.M)
 
 
@@ -43,15 +42,15 @@ def python(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_packets_of_a_roadside_unit_without_torch_are_fused(python, exported, trained, tmp_path):
+def test_packets_of_a_roadside_unit_without_torch_are_fused(python, exported, to_export, tmp_path):
     missing = subprocess.run([python, "-c", "import torch"], capture_output=True, cwd=tmp_path, check=False)
     assert missing.returncode != 0
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         place = f"127.0.0.1:{probe.getsockname()[1]}"
-    data = ("--set", "DATA_CONFIG.DATA_PATH", str(trained.dataset.root_path))
-    common = ("--cfg", str(CFG), "--frames", "1")
-    vehicle = _start(sys.executable, "vehicle", "--listen", place, "--ckpt", str(trained.path), "--seconds", "2",
+    data = ("--set", "DATA_CONFIG.DATA_PATH", str(to_export.dataset.root_path))
+    common = ("--cfg", str(to_export.cfg_file), "--frames", "1")
+    vehicle = _start(sys.executable, "vehicle", "--listen", place, "--ckpt", str(to_export.path), "--seconds", "2",
                      "--wait", "200", "--max_age", "60", *common, *data)  # fmt: skip
     roadside = _start(python, "roadside_unit", "--to", place, "--runtime", "onnxruntime", "--exported", str(exported),
                       "--seconds", "240", *common, *data)  # fmt: skip

@@ -155,6 +155,18 @@ def test_a_sensor_does_not_depend_on_which_others_are_captured(frame, world, rig
     assert len(alone.labels) == len(frame.labels)
 
 
+def test_sensors_side_by_side_on_threads_capture_the_same_bytes(frame, world, rig):
+    """Three times, so that the standing sensors' rays are cast, remembered, and recalled."""
+    for _ in range(3):
+        world.set_ego(-25.0, -1.7, 0.05)  # a tracer of its own for the mast
+        found = capture(world, rig, KEY, "0000/000", threads=3)
+        for agent in ("ego", "infra"):
+            ours, alone = getattr(found, agent), getattr(frame, agent)
+            for name in ("image", "depth", "points"):
+                assert np.array_equal(getattr(ours, name), getattr(alone, name))
+        assert np.array_equal(found.labels.hit_counts, frame.labels.hit_counts)
+
+
 def test_the_key_alone_decides_the_noise(frame, world, rig):
     again = capture(world, rig, KEY, "0000/000")
     other = capture(world, rig, (3, 0, 1), "0000/000")

@@ -27,6 +27,7 @@ def test_an_imported_recording_is_tested_as_its_source_is(call, trained, tiny_da
         call(tmp_path, "test", "--ckpt", ckpt, "--json", tmp_path / f"{name}.json", data=tmp_path / name)
         rows[name] = json.loads((tmp_path / f"{name}.json").read_text())["rows"]
     assert len(rows["set"]) == len(rows["source"]) == 12
+    assert max(row["Car"]["overall"]["0.01"] for row in rows["source"]) > 0  # or the comparison would say nothing
     for ours, theirs in zip(rows["set"], rows["source"], strict=True):
         assert (ours["combo"], ours["region"]) == (theirs["combo"], theirs["region"])
         for name, iou in (("Car", "0.01"), ("Pedestrian", "0.01")):

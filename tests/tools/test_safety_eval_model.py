@@ -1,6 +1,8 @@
 """``tools/safety_eval.py --perception model`` as a user meets it: an episode from end to end, and what is refused."""
 
 import csv
+import hashlib
+import json
 import sys
 from pathlib import Path
 
@@ -28,9 +30,9 @@ def ckpt(tmp_path_factory):
 def drive(load_tool, tmp_path, monkeypatch):
     """``drive(*arguments)``: the tool's main; the folder of its results."""
 
-    def run(*arguments):
+    def run(*arguments, how=("--trials", 1)):
         words = ["safety_eval", "--cfg", CFGS / "cp_tiny.yaml", "--scenario", "t_junction", "--combos", "C+C"]
-        words += ["--speeds", 9, "--trials", 1, "--workers", 1, "--out", tmp_path, "--perception", *arguments]
+        words += ["--speeds", 9, *how, "--workers", 1, "--out", tmp_path, "--perception", *arguments]
         monkeypatch.setattr(sys, "argv", [str(word) for word in words])
         load_tool("safety_eval").main()
         return tmp_path
@@ -47,6 +49,15 @@ def test_an_episode_over_a_lossy_link_that_is_cut(drive, ckpt):
     assert 5 < int(row["messages"]) < 47  # some tick of the first 2 s was the last, and maps are held for 300 ms
     assert 500 < float(row["message_bytes"]) < 10_000
     assert 0.05 <= float(row["message_age_s"]) < 0.2  # a tick at least
+
+
+def test_a_certificate_with_a_dead_camera_names_the_weights(drive, ckpt):
+    """The network is sure of nothing, so the first run of the only speed crashes and ends the sequence."""
+    folder = drive("model", "--ckpt", ckpt, "--fault", "dead_ego_camera", how=("--certify", "--max_minutes", 30))
+    (entry,) = json.loads((folder / "certificate.json").read_text())
+    assert (entry["perception"], entry["combo"], entry["speed"]) == ("model@dead_ego_camera", "C+C", None)
+    assert (entry["runs"], entry["crashes"], entry["complete"]) == (1, 1, True)
+    assert entry["weights"] == hashlib.sha256(ckpt.read_bytes()).hexdigest()
 
 
 @pytest.mark.parametrize(

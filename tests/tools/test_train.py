@@ -272,3 +272,44 @@ def test_a_zero_that_would_divide_is_refused_before_anything_starts(call, tmp_pa
     with pytest.raises(ConfigError, match=rf"argument {flag}: expected 1 or more, found '0'"):
         call(tmp_path, "train", flag, 0)
     assert not list(tmp_path.iterdir())
+
+
+STARTED_BY = """
+import multiprocessing, sys
+if __name__ == "__main__":
+    multiprocessing.set_start_method(sys.argv.pop(1))
+    from pcdet_avp.commands.train import run
+    run()
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["spawn", "forkserver"])
+def test_training_with_workers_of_every_start_method_learns_the_same(method, call, tiny_data, tmp_path):
+    """Another process trains with two workers of this start method, as macOS, Windows and Python 3.14 start them; the
+    weights are, to the bit, those of a training that loads its data itself. Augmentation is on."""
+    for folder in ("alone", "workers"):
+        (tmp_path / folder).mkdir()
+    script = tmp_path / "train_started_by.py"
+    script.write_text(STARTED_BY)
+    data = ("--set", "DATA_CONFIG.DATA_PATH", tiny_data, "DATA_CONFIG.DATA_AUGMENTOR.DISABLE_AUG_LIST", "[]")
+    how = ("--epochs", 2, "--no_eval", "--seed", 4, "--picture_interval", 10**6)
+    call(tmp_path / "alone", "train", *how, overrides=data[3:])
+    command = [sys.executable, script, method, "--cfg", REPOSITORY / "cfgs" / "avp" / "cp_tiny.yaml", "--workers", 2]
+    where = {**os.environ, "PYTHONPATH": str(REPOSITORY), "OMP_NUM_THREADS": str(torch.get_num_threads())}
+    done = subprocess.run(
+        [str(word) for word in (*command, *how, *data)],
+        cwd=tmp_path / "workers",
+        env=where,
+        capture_output=True,
+        text=True,
+        timeout=900,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    ours, expected = (
+        read_checkpoint(tmp_path / folder / "output" / "avp" / "cp_tiny" / "default" / "ckpt" / LAST)
+        for folder in ("workers", "alone")
+    )
+    assert ours["it"] == expected["it"] == 4
+    assert all(torch.equal(ours["model_state"][key], value) for key, value in expected["model_state"].items())

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
+import numpy as np
 import torch
 
 from pcdet_avp.closed_loop.perception.network import DrivingNetwork, named
@@ -58,4 +60,11 @@ class Onboard:
             return self._half.run(batch_dict, world_from_ego, held.values())
 
     def _sample(self, frame: Frame, camera: bool, lidar: bool) -> dict:
-        return prepare(frame, SensorSet(camera, lidar, False, False), self._driving.input.prepare_config)
+        """The vehicle's part of a frame. One whose sensors are all dead, or look away, still has what it received: it
+        is a vehicle with an empty cloud that is marked absent."""
+        config = self._driving.input.prepare_config
+        if camera or lidar:
+            return prepare(frame, SensorSet(camera, lidar, False, False), config)
+        empty = replace(frame, ego=replace(frame.ego, image=None, points=np.zeros((0, 4), np.float32)))
+        sample = prepare(empty, SensorSet(False, True, False, False), config)
+        return {**sample, "source_present": np.zeros_like(sample["source_present"])}

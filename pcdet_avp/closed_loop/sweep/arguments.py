@@ -20,7 +20,8 @@ from pcdet_avp.engine.outputs import RunFolder, choose_checkpoint
 from pcdet_avp.errors import CheckpointError, ConfigError
 from pcdet_avp.provenance import provenance
 from pcdet_avp.runtime_arguments import check_runtime_arguments
-from pcdet_avp.sim.scenarios.table import find_scenario
+from pcdet_avp.sim.plans.read import read_plan
+from pcdet_avp.sim.scenarios.table import ON_PLAN, find_scenario
 from pcdet_avp.structures.roadside_unit import mounted_units
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
 
@@ -57,7 +58,7 @@ def sweep_of(args: argparse.Namespace, loop_file: Path) -> Sweep:
         seed=args.seed,
         perceiver=perceiver,
         closed_loop=closed_loop,
-        identity={perception.name: _identity(perception, cfg, perceiver)},
+        identity={perception.name: _identity(perception, cfg, perceiver), **_plan_identity(scenario.name)},
         search=args.search,
     )
 
@@ -95,6 +96,12 @@ def split_overrides(words: list[str]) -> tuple[list[str], tuple[str, ...]]:
     pairs = [words[i : i + 2] for i in range(0, len(words), 2)]
     loop = [word for pair in pairs if pair[0].startswith(LOOP) for word in (pair[0].removeprefix(LOOP), *pair[1:])]
     return loop, tuple(word for pair in pairs if not pair[0].startswith(LOOP) for word in pair)
+
+
+def _plan_identity(scenario: str) -> dict[str, Any]:
+    """The plan that a scenario plays on, by its content; another one of the same name is another sweep."""
+    _, on_plan, plan = scenario.partition(ON_PLAN)
+    return {scenario: hashlib.sha256(Path(read_plan(plan).file).read_bytes()).hexdigest()} if on_plan else {}
 
 
 def _identity(perception: PerceptionKind, cfg: dict, perceiver: dict[str, Any]) -> dict[str, Any]:

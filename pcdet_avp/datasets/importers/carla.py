@@ -4,7 +4,8 @@
 <src>/<scene>/frames/<frame>.json        one tick: timestamp, every sensor's transform, every actor
 <src>/<scene>/<sensor>/<frame>.*         .png or .jpg of a camera; .ply, .npy or .bin of a LiDAR
 
-    scene.json   {"ego": 87, "sensors": {"front": SENSOR, ...}}
+    scene.json   {"ego": 87, "sensors": {"front": SENSOR, ...}, "static_cars": [BOX, ...]}
+    BOX          {"location": XYZ, "rotation": {...}, "extent": XYZ} in the world: the map's own parked cars, if any
     SENSOR       {"agent": "ego", "type": "sensor.camera.rgb", "attributes": {"image_size_x": "960", ...}}
     a frame      {"timestamp": 12.35, "sensors": {"front": TRANSFORM, ...}, "actors": [ACTOR, ...]}
     ACTOR        {"id": 87, "type_id": "vehicle.a.b", "attributes": {"number_of_wheels": "4", ...},
@@ -30,20 +31,32 @@ Ours from theirs (axes.py says how):
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from pcdet_avp.datasets.avp.fields import Field
-from pcdet_avp.datasets.avp.units import EGO, Record, check_unit_name
+from pcdet_avp.datasets.avp.units import EGO, Record
 from pcdet_avp.datasets.importers.axes import (
     cloud_in_agent,
     points_from_unreal,
-    pose_from_unreal,
     unreal_box,
     unreal_camera,
     upright,
+)
+from pcdet_avp.datasets.importers.carla_scene import (
+    CAMERA,
+    DEPTH,
+    FRAMES,
+    LIDAR,
+    LIDAR_COLUMNS,
+    SCENE_FILE,
+    CarlaScene,
+    Sensor,
+    number_of,
+    pose_of,
+    xyz,
 )
 from pcdet_avp.datasets.importers.recording import (
     Imported,
@@ -61,61 +74,7 @@ from pcdet_avp.errors import RecordError
 from pcdet_avp.structures.frame import AgentView
 from pcdet_avp.structures.pose import Pose
 
-SCENE_FILE, FRAMES = "scene.json", "frames"
-CAMERA, DEPTH, LIDAR = "sensor.camera.rgb", "sensor.camera.depth", "sensor.lidar.ray_cast"
-ENDINGS = {CAMERA: (".png", ".jpg"), DEPTH: (".png",), LIDAR: (".ply", ".npy", ".bin")}
-LIDAR_COLUMNS = 4  # of raw_data: x, y, z, intensity
 SAME_PLACE = 1e-3  # metres, and entries of rotations: a depth camera beside its camera
-
-
-@dataclass(frozen=True)
-class Sensor:
-    """A sensor of scene.json."""
-
-    name: str
-    agent: str
-    kind: str
-    attributes: Field
-    folder: Path
-
-    def file(self, frame: str) -> Path:
-        """The frame's file, of whichever ending is there; the first possible one where none is."""
-        places = [self.folder / f"{frame}{ending}" for ending in ENDINGS[self.kind]]
-        return next((place for place in places if place.exists()), places[0])
-
-
-@dataclass(frozen=True)
-class CarlaScene:
-    folder: Path
-    ego_id: int
-    sensors: tuple[Sensor, ...]
-
-    @classmethod
-    def open(cls, folder: Path) -> CarlaScene:
-        top = Field.load(folder / SCENE_FILE)
-        listed = top["sensors"]
-        sensors = tuple(_sensor(listed[name], name, folder) for name in listed.of(dict))
-        for sensor in sensors:
-            same = [s.name for s in sensors if (s.agent, s.kind) == (sensor.agent, sensor.kind)]
-            if len(same) > 1:
-                raise listed.error(f"{sensor.agent} has several {sensor.kind} ({', '.join(same)}): a record holds one")
-        return cls(folder, top["ego"].of(int), sensors)
-
-    @property
-    def units(self) -> dict[str, Sensor]:
-        """The roadside units by name, each with its first sensor, in the order of these."""
-        found: dict[str, Sensor] = {}
-        for sensor in self.sensors:
-            if sensor.agent != EGO:
-                found.setdefault(sensor.agent, sensor)
-        return found
-
-    def of(self, agent: str, kind: str) -> Sensor | None:
-        """An agent's sensor of a kind."""
-        return next((s for s in self.sensors if s.agent == agent and s.kind == kind), None)
-
-    def files(self, frame: str) -> list[Path]:
-        return [self.folder / FRAMES / f"{frame}.json", *(sensor.file(frame) for sensor in self.sensors)]
 
 
 class CarlaRecording:
@@ -139,15 +98,16 @@ class CarlaRecording:
         actors = {actor["id"].of(int): actor for actor in top["actors"]}
         if known.ego_id not in actors:
             raise top["actors"].error(f"no actor has the ego's id {known.ego_id}")
-        world_from_vehicle = _pose(actors[known.ego_id]["transform"])
+        world_from_vehicle = pose_of(actors[known.ego_id]["transform"])
         floor = float(world_from_vehicle.translation[2])
         images: dict[str, bytes] = {}
         view = _view(known, EGO, frame, top, upright(world_from_vehicle, floor), images)
         units = {}
         for name, first in known.units.items():
-            world_from_unit = upright(_pose(top["sensors"][first.name]), floor)
+            world_from_unit = upright(pose_of(top["sensors"][first.name]), floor)
             units[name] = _view(known, name, frame, top, world_from_unit, images)
         boxes = [self._box(i, actor) for i, actor in actors.items() if i != known.ego_id]
+        boxes += [self._static_box(-1 - i, entry) for i, entry in enumerate(known.static_cars)]
         labels = labels_in_ego(view.world_from_agent, [box for box in boxes if box is not None])
         time_s = top["timestamp"].number() - self._start(scene)
         return Imported(Record(f"{scene}/{frame}", time_s, view, units, labels), images)
@@ -163,12 +123,19 @@ class CarlaRecording:
         name = self._class(actor)
         if name is None:
             return None
-        bounding_box, pose = actor["bounding_box"], _pose(actor["transform"])
-        box = unreal_box(pose, _xyz(bounding_box["location"]), _xyz(bounding_box["extent"]))
+        bounding_box, pose = actor["bounding_box"], pose_of(actor["transform"])
+        box = unreal_box(pose, xyz(bounding_box["location"]), xyz(bounding_box["extent"]))
         if box is None:
             self.notes.add(f"{name} without a size left out", f"{actor.file}: {actor.name}")
             return None
         return WorldBox(object_id, name, box)
+
+    def _static_box(self, object_id: int, entry: Field) -> WorldBox | None:
+        """A car of the map: place and rotation are in the world, ids count down from -1."""
+        box = unreal_box(pose_of(entry), (0.0, 0.0, 0.0), xyz(entry["extent"]))
+        if box is None:
+            self.notes.add("car of the map without a size left out", f"{entry.file}: {entry.name}")
+        return None if box is None else WorldBox(object_id, "Car", box)
 
     def _class(self, actor: Field) -> str | None:
         """Car, Pedestrian, or None for what is left out."""
@@ -176,21 +143,10 @@ class CarlaRecording:
         if kind.startswith("walker.pedestrian."):
             return "Pedestrian"
         if kind.startswith("vehicle."):
-            if _number(actor["attributes"]["number_of_wheels"]) >= 4:
+            if number_of(actor["attributes"]["number_of_wheels"]) >= 4:
                 return "Car"
             self.notes.add("two-wheeler left out", f"{actor.file}: {actor.name} ({kind})")
         return None
-
-
-def _sensor(entry: Field, name: str, folder: Path) -> Sensor:
-    agent, kind = entry["agent"].of(str), entry["type"].of(str)
-    if agent != EGO:
-        entry["agent"].build(check_unit_name, agent)
-    if kind not in ENDINGS:
-        raise entry["type"].error(f"expected {', '.join(ENDINGS)}, found {kind!r}")
-    if "/" in name or "\\" in name or name.startswith(".") or name == FRAMES:
-        raise entry.error(f"a sensor's name is that of its folder in {folder}, found {name!r}")
-    return Sensor(name, agent, kind, entry["attributes"], folder / name)
 
 
 def _source(name: str, scene: CarlaScene) -> SourceScene:
@@ -212,12 +168,12 @@ def _view(
     if lidar is not None:
         points = read_points(lidar.file(frame), LIDAR_COLUMNS if lidar.file(frame).suffix == ".bin" else None)
         points[:, :3] = points_from_unreal(points[:, :3])
-        view = replace(view, points=cloud_in_agent(agent_from_world @ _pose(poses[lidar.name]), points))
+        view = replace(view, points=cloud_in_agent(agent_from_world @ pose_of(poses[lidar.name]), points))
     main = camera or depth
     if main is not None:
-        pose, attributes = agent_from_world @ _pose(poses[main.name]), main.attributes
-        width, height = (int(_number(attributes[key])) for key in ("image_size_x", "image_size_y"))
-        focal = width / (2 * np.tan(np.radians(_number(attributes["fov"])) / 2))
+        pose, attributes = agent_from_world @ pose_of(poses[main.name]), main.attributes
+        width, height = (int(number_of(attributes[key])) for key in ("image_size_x", "image_size_y"))
+        focal = width / (2 * np.tan(np.radians(number_of(attributes["fov"])) / 2))
         intrinsics = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
         view = replace(view, camera=attributes.build(unreal_camera, pose, width, height, intrinsics))
     if camera is not None:
@@ -233,27 +189,9 @@ def _check_beside(camera: Sensor | None, depth: Sensor, poses: Field) -> None:
     """A depth map is of its camera's picture, or it is another picture's."""
     if camera is None:
         return
-    ours, theirs = _pose(poses[camera.name]), _pose(poses[depth.name])
+    ours, theirs = pose_of(poses[camera.name]), pose_of(poses[depth.name])
     if np.abs(ours.matrix - theirs.matrix).max() > SAME_PLACE:
         raise poses[depth.name].error(f"the depth camera does not stand where {camera.name} stands")
     for key in ("image_size_x", "image_size_y", "fov"):
-        if _number(camera.attributes[key]) != _number(depth.attributes[key]):
+        if number_of(camera.attributes[key]) != number_of(depth.attributes[key]):
             raise depth.attributes[key].error(f"another {key} than that of {camera.name}")
-
-
-def _pose(field: Field) -> Pose:
-    rotation = field["rotation"]
-    roll, pitch, yaw = (rotation[key].number() for key in ("roll", "pitch", "yaw"))
-    return pose_from_unreal(_xyz(field["location"]), roll, pitch, yaw)
-
-
-def _xyz(field: Field) -> tuple[float, float, float]:
-    return field["x"].number(), field["y"].number(), field["z"].number()
-
-
-def _number(field: Field) -> float:
-    """CARLA's attributes are texts."""
-    try:
-        return Field(float(field.value), field.file, field.name).number()
-    except (TypeError, ValueError) as error:
-        raise field.error(f"expected a number, found {field.value!r}") from error

@@ -21,7 +21,8 @@ Ours from theirs (axes.py says how):
     class               Car, Van, Truck and Bus are Car, as in DAIR-V2X's benchmark; others are left out and counted
     intensity           stored as 0 to 255
 The cooperative labels hold vehicles only: class_names is Car, so that nobody trains pedestrians as background. The
-vehicle itself is no label there. A scene is a batch (``batch_id`` of the vehicle's side).
+vehicle itself, should the roadside have labelled it, is left out where frames are read, as in every record. A scene is
+a batch (``batch_id`` of the vehicle's side).
 Sources: DAIR-V2X's data/README.md, v2x/v2x_utils/transformation_utils.py, v2x/dataset/dataset_utils/label.py,
 v2x/config.py, tools/dataset_converter/{calib_i2v,concatenate_pcd2bin}.py; issues 22 and 64 of AIR-THU/DAIR-V2X on the
 shear.
@@ -29,8 +30,8 @@ shear.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +39,14 @@ import numpy as np
 from pcdet_avp.datasets.avp.fields import Field
 from pcdet_avp.datasets.avp.units import FIRST_UNIT, Record
 from pcdet_avp.datasets.importers.axes import cloud_in_agent, corner_box, pinhole, repaired_pose, upright
+from pcdet_avp.datasets.importers.dair_sides import (
+    Side,
+    entry_of,
+    offset_of,
+    rotation_and_translation,
+    text,
+    transform_of,
+)
 from pcdet_avp.datasets.importers.recording import (
     Imported,
     Notes,
@@ -48,7 +57,6 @@ from pcdet_avp.datasets.importers.recording import (
     load_list,
     read_image,
     read_points,
-    some_exist,
 )
 from pcdet_avp.errors import RecordError
 from pcdet_avp.structures.frame import AgentView
@@ -60,37 +68,6 @@ NEAR_M = 30.0  # labels that tell where the floor is
 MAX_CAMERA_YAW = np.radians(60.0)
 MICROSECOND_S = 1e-6
 BY_CORNERS = "label whose 3d_dimensions differ by more than 0.1 m from its eight vertices, which are taken"
-
-
-@dataclass(frozen=True)
-class Side:
-    """A vehicle's or a roadside unit's frames: cloud's path as the pairs give it -> entry of data_info.json."""
-
-    folder: Path
-    chain: tuple[str, ...]  # calibration from the LiDAR to the world, by the keys of an entry
-    to_camera: str
-    entries: Mapping[str, Field]
-    camera: bool
-    lidar: bool
-
-    @classmethod
-    def open(cls, src: Path, name: str, chain: tuple[str, ...], to_camera: str) -> Side:
-        folder = src / name
-        rows = load_list(folder / "data_info.json")
-        entries = {f"{name}/{row['pointcloud_path'].of(str)}": row for row in rows}
-        camera, lidar = (
-            some_exist(folder / row[key].of(str) for row in rows) for key in ("image_path", "pointcloud_path")
-        )
-        return cls(folder, chain, to_camera, entries, camera, lidar)
-
-    def file(self, entry: Field, key: str) -> Path:
-        return self.folder / entry[key].of(str)
-
-    def files(self, entry: Field) -> list[Path]:
-        """What a frame needs: calibration, and the sensors that the side has any file of."""
-        keys = [*self.chain, *(["pointcloud_path"] if self.lidar else [])]
-        keys += [self.to_camera, "calib_camera_intrinsic_path", "image_path"] if self.camera else []
-        return [self.file(entry, key) for key in keys]
 
 
 class DairV2x:
@@ -111,8 +88,8 @@ class DairV2x:
         )
         self._pairs: dict[str, dict[str, Field]] = {}
         for pair in load_list(self._src / "cooperative" / "data_info.json"):
-            entry = _entry(self._vehicle, pair, "vehicle")
-            frames = self._pairs.setdefault(_text(entry["batch_id"]), {})
+            entry = entry_of(self._vehicle, pair, "vehicle")
+            frames = self._pairs.setdefault(text(entry["batch_id"]), {})
             frames[Path(entry["pointcloud_path"].of(str)).stem] = pair
         self.scenes: Sequence[SourceScene] = [self._scene(name) for name in self._pairs]
         self._heights: dict[str, tuple[float, float]] = {}
@@ -123,15 +100,15 @@ class DairV2x:
 
     def _files(self, pair: Field) -> list[Path]:
         sides = ((self._vehicle, "vehicle"), (self._roadside, "infrastructure"))
-        files = [file for side, key in sides for file in side.files(_entry(side, pair, key))]
+        files = [file for side, key in sides for file in side.files(entry_of(side, pair, key))]
         return [*files, self._src / pair["cooperative_label_path"].of(str)]
 
     def _time(self, pair: Field) -> int:
-        field = _entry(self._vehicle, pair, "vehicle")["pointcloud_timestamp"]
-        text = _text(field)
-        if not text.isdecimal():
-            raise field.error(f"expected microseconds, found {text!r}")
-        return int(text)
+        field = entry_of(self._vehicle, pair, "vehicle")["pointcloud_timestamp"]
+        digits = text(field)
+        if not digits.isdecimal():
+            raise field.error(f"expected microseconds, found {digits!r}")
+        return int(digits)
 
     def read(self, scene: str, frame: str) -> Imported:
         """One frame; RecordError names the file and what is wrong with it."""
@@ -140,8 +117,8 @@ class DairV2x:
         boxes = self._boxes(pair)
         heights = self._heights_of(scene)
         images: dict[str, bytes] = {}
-        ego = self._view(self._vehicle, _entry(self._vehicle, pair, "vehicle"), vehicle, heights[0], "ego", images)
-        entry = _entry(self._roadside, pair, "infrastructure")
+        ego = self._view(self._vehicle, entry_of(self._vehicle, pair, "vehicle"), vehicle, heights[0], "ego", images)
+        entry = entry_of(self._roadside, pair, "infrastructure")
         unit = self._view(self._roadside, entry, roadside, heights[1], FIRST_UNIT, images)
         start = min(self._time(other) for other in self._pairs[scene].values())
         time_s = (self._time(pair) - start) * MICROSECOND_S
@@ -150,19 +127,19 @@ class DairV2x:
 
     def _world_from_lidars(self, pair: Field) -> tuple[Pose, Pose]:
         """Of the vehicle and of the roadside unit, the latter moved by the pair's offset."""
-        vehicle = self._chained(self._vehicle, _entry(self._vehicle, pair, "vehicle"))
-        entry = _entry(self._roadside, pair, "infrastructure")
+        vehicle = self._chained(self._vehicle, entry_of(self._vehicle, pair, "vehicle"))
+        entry = entry_of(self._roadside, pair, "infrastructure")
         offset = pair.get("system_error_offset")
         if not offset or not isinstance(offset.value, dict):
             offset = Field.load(self._roadside.file(entry, self._roadside.chain[0])).get("relative_error", {})
-        dx, dy = (_offset(offset.get(key, 0.0)) for key in ("delta_x", "delta_y"))
+        dx, dy = (offset_of(offset.get(key, 0.0)) for key in ("delta_x", "delta_y"))
         return vehicle, Pose.from_xyz_yaw(dx, dy) @ self._chained(self._roadside, entry)
 
     def _chained(self, side: Side, entry: Field) -> Pose:
         pose = Pose.identity()
         for key in side.chain:
-            top = _transform(side.file(entry, key))
-            step, off = top.build(repaired_pose, *_numbers(top))
+            top = transform_of(side.file(entry, key))
+            step, off = top.build(repaired_pose, *rotation_and_translation(top))
             if off:
                 kind = Path(entry[key].of(str)).parent.name
                 self.notes.add(
@@ -186,9 +163,9 @@ class DairV2x:
         return AgentView(world_from_agent, camera, image, None, points)
 
     def _camera(self, side: Side, entry: Field, agent_from_lidar: Pose, image: np.ndarray):
-        top, size = _transform(side.file(entry, side.to_camera)), (image.shape[1], image.shape[0])
+        top, size = transform_of(side.file(entry, side.to_camera)), (image.shape[1], image.shape[0])
         intrinsics = Field.load(side.file(entry, "calib_camera_intrinsic_path"))["cam_K"].numbers(9).reshape(3, 3)
-        camera, skew_px = top.build(pinhole, *size, intrinsics, *_numbers(top))
+        camera, skew_px = top.build(pinhole, *size, intrinsics, *rotation_and_translation(top))
         if skew_px:
             what = "camera calibration that is no rotation, its shear taken into the intrinsics"
             self.notes.add(what, f"{top.file}, up to {skew_px:.1f} pixels of skew left out")
@@ -254,33 +231,3 @@ def _cooperative_folder(src: Path) -> Path:
         if (folder / "cooperative" / "data_info.json").exists():
             return folder
     raise RecordError(f"{src}: no DAIR-V2X-C: expected cooperative/data_info.json")
-
-
-def _entry(side: Side, pair: Field, key: str) -> Field:
-    named = pair[f"{key}_pointcloud_path"]
-    if named.of(str) not in side.entries:
-        raise named.error(f"{named.value!r} is not listed in {side.folder / 'data_info.json'}")
-    return side.entries[named.value]
-
-
-def _text(field: Field) -> str:
-    """Numbers are texts in some of the files and numbers in others."""
-    return str(field.value if isinstance(field.value, int) else field.of(str))
-
-
-def _offset(field: Field) -> float:
-    """Metres; an empty text means none."""
-    return 0.0 if field.value == "" else field.number()
-
-
-def _transform(file: Path) -> Field:
-    """The object that holds ``rotation`` and ``translation``: the whole file, or its ``transform``."""
-    top = Field.load(file)
-    return top["transform"] if "transform" in top.of(dict) else top
-
-
-def _numbers(top: Field) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation (3, 3) and translation (3,), which files write as a column or as a row."""
-    translation = top["translation"]
-    flat = np.ravel(np.asarray(translation.value, dtype=object))
-    return top["rotation"].numbers(3, 3), Field(flat.tolist(), top.file, translation.name).numbers(3)

@@ -181,7 +181,7 @@ def _metadata(file: Path) -> Field:
     try:
         content = yaml.load(read_bytes(file), _Loader)
     except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise RecordError(f"{file}: damaged or cut short, not YAML ({str(error).splitlines()[0]})") from error
+        raise RecordError(f"{file}: not YAML of plain values, or cut short ({str(error).splitlines()[0]})") from error
     top = Field(content, file)
     top.of(dict)
     return top

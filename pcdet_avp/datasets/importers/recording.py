@@ -28,8 +28,7 @@ SEEN_BY_ALL = 8  # visible vertices of a label whose visibility nobody recorded
 
 @dataclass(frozen=True)
 class SourceScene:
-    """A scene's name, its frames in order of time with the files that each needs, and its split where the source
-    says."""
+    """A scene: frames in order of time, with the files that each needs, and the split where the source tells it."""
 
     name: str
     frames: Mapping[str, Sequence[Path]]

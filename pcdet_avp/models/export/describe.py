@@ -21,6 +21,7 @@ def describe(model: nn.Module, class_names: list[str]) -> Network:
         raise ExportError(
             f"MODEL.NAME: expected AvpCp, found {type(model).__name__}, which is no network in two halves"
         )
+    sent_as = precisions(model.codec, "--out")
     grid, codecs = model.warp.grid, model.codec.codecs
     return Network(
         class_names=tuple(class_names),
@@ -28,7 +29,7 @@ def describe(model: nn.Module, class_names: list[str]) -> Network:
         cell_m=grid.cell_m,
         channels=model.encoder_of("ego_lidar").channels,
         latent_shape=latent_shape(model),
-        latent_precision=precisions(model.codec, "--out"),
+        latent_precision=sent_as,
         pooling=next(iter(codecs.values())).pooling,
         cameras={agent: _camera(model.encoder_of(f"{agent}_camera"), agent) for agent in ("ego", "infra")},
         pillars=_pillars(model.encoder_of("ego_lidar").vfe),

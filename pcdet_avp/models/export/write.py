@@ -140,13 +140,18 @@ def _versions() -> dict[str, str]:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Without the exporter's remarks about its own insides and about torchvision, which nobody here uses."""
-    log = logging.getLogger("torch.onnx")
-    level = log.level
-    log.setLevel(logging.ERROR)
+    """Without the exporter's remarks about its own insides and about torchvision, which nobody here uses.
+
+    ``torch.__trace`` describes every tensor to whoever listens to all logs (pytest does), which takes minutes.
+    """
+    logs = [logging.getLogger(name) for name in ("torch.onnx", "torch.__trace")]
+    levels = [log.level for log in logs]
+    for log in logs:
+        log.setLevel(logging.ERROR)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             yield
     finally:
-        log.setLevel(level)
+        for log, level in zip(logs, levels, strict=True):
+            log.setLevel(level)

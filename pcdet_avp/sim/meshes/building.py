@@ -32,11 +32,10 @@ PAINT_M = 0.004  # paint stands off the concrete, so that rays meet it first
 def building_mesh(layout: GarageLayout) -> Mesh:
     """Everything of the layout that stands still, except the parked cars; world frame."""
     rng = np.random.default_rng(layout.style)
-    floor, band = (palette[rng.integers(len(palette))] for palette in (FLOORS, BANDS))
-    whitewash = tuple(np.array(WHITEWASH) * rng.uniform(0.75, 1.1))
-    parts = [*_slabs(layout, floor), *_beams(layout, whitewash)]
-    parts += [mesh for wall in layout.walls for mesh in _wall(wall, whitewash, band)]
-    parts += [mesh for pillar in layout.pillars for mesh in _pillar(pillar, layout.ceiling_m, whitewash)]
+    floor, band, whitewash = draw_paint(rng)
+    parts = [*slabs(outline(layout), layout.ceiling_m, floor), *_beams(layout, whitewash)]
+    parts += [mesh for wall in layout.walls for mesh in wall_meshes(wall, whitewash, band)]
+    parts += [mesh for pillar in layout.pillars for mesh in pillar_meshes(pillar, layout.ceiling_m, whitewash)]
     return Mesh.merge([*parts, markings_mesh(layout, rng), fittings_mesh(layout, rng)])
 
 
@@ -47,18 +46,26 @@ def outline(layout: GarageLayout) -> tuple[float, float, float, float]:
     return (*(ends.min(0) - 1.0).tolist(), *(ends.max(0) + 1.0).tolist())
 
 
-def _slabs(layout: GarageLayout, color) -> list[Mesh]:
-    """Floor and ceiling, each one rectangle."""
-    x0, y0, x1, y1 = outline(layout)
-    z = layout.ceiling_m
+def draw_paint(rng: np.random.Generator) -> tuple[tuple, tuple, tuple]:
+    """Linear RGB of a garage's floor, of the band on its walls, and of its whitewash."""
+    floor, band = (palette[rng.integers(len(palette))] for palette in (FLOORS, BANDS))
+    return floor, band, tuple(np.array(WHITEWASH) * rng.uniform(0.75, 1.1))
+
+
+def slabs(extent: tuple[float, float, float, float], ceiling_m: float, color) -> list[Mesh]:
+    """Floor and ceiling over x_min, y_min, x_max, y_max, each one rectangle."""
+    x0, y0, x1, y1 = extent
+    z = ceiling_m
     return [
         quad((x0, y0, 0), (x1, y0, 0), (x1, y1, 0), (x0, y1, 0), color, Material.FLOOR),
         quad((x0, y1, z), (x1, y1, z), (x1, y0, z), (x0, y0, z), CEILING_GREY, Material.CONCRETE),
     ]
 
 
-def _wall(wall: Wall, color, band) -> list[Mesh]:
-    """Boxes one above the other: bare, painted band, bare; a parapet is bare with a painted cap."""
+def wall_meshes(wall: Wall, color, band) -> list[Mesh]:
+    """Boxes one above the other: bare, painted band, bare; a parapet is bare with a painted cap, a ramp's wall bare."""
+    if wall.end_height is not None:
+        return [_ramp_wall(wall, color)]
     if wall.height < 2.0:
         levels = [(0.0, wall.height - 0.12, color), (wall.height - 0.12, wall.height, YELLOW)]
     else:
@@ -72,11 +79,23 @@ def _wall(wall: Wall, color, band) -> list[Mesh]:
     return [box.transformed(pose) for box in boxes]
 
 
-def _pillar(pillar: Pillar, ceiling: float, color) -> list[Mesh]:
+def _ramp_wall(wall: Wall, color) -> Mesh:
+    """A box whose top slopes from ``height`` at its first point to ``end_height`` at its second."""
+    dx, dy = wall.x1 - wall.x0, wall.y1 - wall.y0
+    length = float(np.hypot(dx, dy))
+    box = box_mesh((length, wall.thickness, 1.0), (length / 2, 0, 0.5), color, Material.CONCRETE)
+    vertices = box.vertices.copy()
+    vertices[:, 2] *= wall.height + vertices[:, 0] / length * (wall.end_height - wall.height)
+    pose = Pose.from_xyz_yaw(wall.x0, wall.y0, yaw=float(np.arctan2(dy, dx)))
+    return Mesh.flat(vertices, box.faces, color, Material.CONCRETE).transformed(pose)
+
+
+def pillar_meshes(pillar: Pillar, ceiling: float, color) -> list[Mesh]:
     """A shaft with slanting yellow and black stripes at bumper height."""
     shaft = box_mesh((pillar.size, pillar.size, ceiling), (0, 0, ceiling / 2), color, Material.CONCRETE)
     faces = [_stripes(pillar.size).transformed(Pose.from_xyz_yaw(0, 0, yaw=k * np.pi / 2)) for k in range(4)]
-    return [mesh.transformed(Pose.from_xyz_yaw(pillar.x, pillar.y)) for mesh in (shaft, *faces)]
+    pose = Pose.from_xyz_yaw(pillar.x, pillar.y, yaw=pillar.heading)
+    return [mesh.transformed(pose) for mesh in (shaft, *faces)]
 
 
 def _stripes(size: float) -> Mesh:

@@ -15,12 +15,12 @@ SIGN_BLUE, SIGN_GREEN, SIGN_WHITE = (0.01, 0.08, 0.36), (0.01, 0.25, 0.08), (0.6
 
 def fittings_mesh(layout: GarageLayout, rng: np.random.Generator) -> Mesh:
     """All fittings of a layout."""
-    parts = [mesh for lamp in layout.lamps for mesh in _lamp(lamp)]
+    parts = [mesh for lamp in layout.lamps for mesh in lamp_meshes(lamp)]
     parts += [_bumper_stop(slot) for slot in layout.slots]
     return Mesh.merge([*parts, *_ducts(layout, rng), *_signs(layout)])
 
 
-def _lamp(lamp: Lamp) -> list[Mesh]:
+def lamp_meshes(lamp: Lamp) -> list[Mesh]:
     """A housing and its glowing face, which lies in the lamp's z."""
     length, half = 2 * TUBE_HALF_LENGTH_M, 0.07
     housing = box_mesh((length + 0.1, 0.2, 0.06), (lamp.x, lamp.y, lamp.z + 0.035), (0.5, 0.5, 0.5), Material.METAL)

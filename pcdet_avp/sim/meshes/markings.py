@@ -27,10 +27,10 @@ def _rectangles(boxes, color) -> Mesh:
     """Axis-aligned rectangles (N, 4) of x0, y0, x1, y1, metres."""
     x0, y0, x1, y1 = np.asarray(boxes, float).reshape(-1, 4).T
     corners = np.stack([np.stack(c, -1) for c in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))], 1)
-    return _polygons(corners, color)
+    return polygons_mesh(corners, color)
 
 
-def _polygons(corners: np.ndarray, color) -> Mesh:
+def polygons_mesh(corners: np.ndarray, color) -> Mesh:
     """Counter-clockwise quadrilaterals (N, 4, 2)."""
     count = len(corners)
     vertices = np.concatenate([corners.reshape(-1, 2), np.full((4 * count, 1), HEIGHT_M)], 1)
@@ -73,7 +73,7 @@ def _junction(layout: GarageLayout) -> Mesh:
     zebra = [(x, y, x + 3.0, y + 0.45) for y in np.arange(-LANE_WIDTH_M + 0.35, LANE_WIDTH_M - 0.4, 0.95)]
     tooth = np.array([(0, -3.9), (0.25, -4.5), (0.5, -3.9), (0.25, -3.9)])
     teeth = [tooth + (layout.junction_x + 0.25 + 0.75 * k, 0) for k in range(4)]
-    return Mesh.merge([_rectangles(zebra, WHITE), _polygons(np.array(teeth), WHITE)])
+    return Mesh.merge([_rectangles(zebra, WHITE), polygons_mesh(np.array(teeth), WHITE)])
 
 
 def _arrows(layout: GarageLayout) -> Mesh:
@@ -81,10 +81,10 @@ def _arrows(layout: GarageLayout) -> Mesh:
     places = [(x, -LANE_WIDTH_M / 2, 0.0) for x in np.arange(layout.road_start_x + 8, layout.junction_x - 12, 16.0)]
     places += [(x + 6, LANE_WIDTH_M / 2, np.pi) for x, _, _ in places]
     places += [(layout.junction_x + LANE_WIDTH_M / 2, y, np.pi / 2) for y in (-9.0, -19.0)]
-    return _polygons(np.concatenate([_arrow(*place) for place in places]), WHITE)
+    return polygons_mesh(np.concatenate([arrow(*place) for place in places]), WHITE)
 
 
-def _arrow(x: float, y: float, heading: float) -> np.ndarray:
+def arrow(x: float, y: float, heading: float) -> np.ndarray:
     """(2, 4, 2) shaft and head of an arrow 2.4 m long around x, y."""
     shaft = [(-1.2, -0.08), (0.35, -0.08), (0.35, 0.08), (-1.2, 0.08)]
     head = [(0.35, -0.32), (1.2, 0.0), (1.2, 0.0), (0.35, 0.32)]

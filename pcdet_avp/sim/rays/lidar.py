@@ -59,7 +59,7 @@ def sweep(
     return scan, tracer.instance[hits.face[range_mm[kept] > 0]]
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _rotated(directions, rotation):
     out = np.empty((len(directions), 3), np.float32)
     for i in range(len(directions)):
@@ -69,7 +69,7 @@ def _rotated(directions, rotation):
     return out
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _range_image(rows, size, distance, face, materials, reflectivity):
     """Scatter hits to a flat range image: uint16 millimetres (0 = no return) and uint8 intensity."""
     range_mm = np.zeros(size, np.uint16)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from threading import Lock
 
 import numpy as np
 
@@ -33,6 +34,7 @@ class StandingViews:
     def __init__(self) -> None:
         self._views: dict[tuple, View | None] = {}  # None: the origin came once; last used last
         self._shadows: dict[tuple, StandingShadows | None] = {}
+        self._lock = Lock()  # sensors may ask from several threads, each about its own place
 
     def recall(self, origin: np.ndarray, directions: np.ndarray, limit: float, ask: FirstHits) -> Found | None:
         """First hits of all rays from an origin (3,), or None while it is not worth remembering them.
@@ -40,20 +42,23 @@ class StandingViews:
         ``ask`` finds them. The caller must not write into them.
         """
         key = origin.tobytes(), directions.shape, float(limit)
-        came_before, view = key in self._views, self._views.pop(key, None)
+        with self._lock:
+            came_before, view = key in self._views, self._views.pop(key, None)
         if view is not None and not np.array_equal(view.directions, directions):
             came_before, view = False, None
         if came_before and view is None:
             view = View(directions.copy(), ask(origin, directions, limit))
-        _put_last(self._views, key, view, MOST_VIEWS)
+        with self._lock:
+            _put_last(self._views, key, view, MOST_VIEWS)
         return None if view is None else view.found
 
     def shadows(self, eye: np.ndarray, slots: int) -> StandingShadows | None:
         """The memory of a camera's shadow rays by its place (3,), or None while it is not worth having one."""
         key = eye.tobytes(), slots
-        came_before, memory = key in self._shadows, self._shadows.pop(key, None)
-        memory = StandingShadows(slots) if came_before and memory is None else memory
-        _put_last(self._shadows, key, memory, MOST_SHADOWS)
+        with self._lock:
+            came_before, memory = key in self._shadows, self._shadows.pop(key, None)
+            memory = StandingShadows(slots) if came_before and memory is None else memory
+            _put_last(self._shadows, key, memory, MOST_SHADOWS)
         return memory
 
 

@@ -46,6 +46,12 @@ class RayTracer:
         self.scenes = [scene for scene in scenes if len(scene)]
         self._room = FaceRoom() if room is None else room
 
+    def prepare(self) -> None:
+        """Build what is built on demand, before several threads ask at once."""
+        for scene in self.scenes:
+            scene.prepare()
+        _ = self.instance, self.colors, self.materials, self.normals
+
     def cast(
         self,
         origins: np.ndarray,

@@ -25,7 +25,7 @@ class StandingShadows:
         return self._blocked[slots]
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _take_changed(rays, slots, origins, directions):
     """Indices of the rays that differ from those in their slots, which they replace."""
     changed, count = np.empty(len(slots), np.int64), 0
@@ -41,7 +41,7 @@ def _take_changed(rays, slots, origins, directions):
     return changed[:count]
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def ray_slots(pixel, per_pixel, first):
     """(R,) int64 slots of rays by their pixel (R,), those of a pixel one after the other, at most ``per_pixel``."""
     slots = np.empty(len(pixel), np.int64)

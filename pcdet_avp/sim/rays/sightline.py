@@ -142,7 +142,7 @@ def _as_seen_from(origin: np.ndarray, sphere: Sphere) -> tuple[np.ndarray, float
     return np.array(sphere[:3]) - origin, float(sphere[3])
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _ways_to_sphere(rays, axis, radius):
     """Indices (n,) of the rays that meet a sphere at ``axis`` (3,) from their origin, and how far each may go, in ray
     lengths, to stay ``CLEARANCE_M`` away from it."""

@@ -37,6 +37,11 @@ class TriangleScene:
     def __len__(self) -> int:
         return len(self.mesh.faces)
 
+    def prepare(self) -> None:
+        """Build the tree, which otherwise happens with the first rays: before several threads ask at once."""
+        if len(self):
+            self.blocks(*ray_arrays(np.zeros(3), np.ones((1, 3)), 0.0))
+
     def candidates(self, origin: np.ndarray, directions: np.ndarray) -> np.ndarray | None:
         """Indices of the rays from one origin (3,) that may meet an instance; None where asking would not pay."""
         offset = self._spheres[:, :3] - origin
@@ -71,7 +76,7 @@ def bounding_sphere(mesh: Mesh) -> Sphere:
     return (*centre, 1.001 * radius + 1e-3)
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, nogil=True)
 def _in_a_cone(directions, axes, tangent2):
     """Mask (R,) of directions that come as near to the end of an axis (P, 3) as the sphere there reaches.
 

@@ -44,7 +44,7 @@ def _hemisphere(count: int = 16) -> np.ndarray:
 HEMISPHERE = _hemisphere()
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, nogil=True)
 def _probe(eye, rays, distance, face, bu, bv, normals, width, cols, origins, directions):
     for s in range(len(origins)):
         row, col = s // cols, s % cols
@@ -75,7 +75,7 @@ def _probe(eye, rays, distance, face, bu, bv, normals, width, cols, origins, dir
         directions[s, 2] = REACH_M * (-h[0] * sign * nx - h[1] * ny + h[2] * nz)
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, nogil=True)
 def _spread(free, distance, average, visibility):
     """Average each sample (rows, cols) with those of a similar depth around it; give pixels (H, W) the nearest one."""
     rows, cols = free.shape

@@ -51,7 +51,7 @@ def camera_rays(camera: PinholeCamera, world_from_camera: Pose) -> np.ndarray:
     return rays
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, nogil=True)
 def _fill_rays(m, width, rays):
     for i in range(len(rays)):
         u, v = np.float32(i % width) + np.float32(0.5), np.float32(i // width) + np.float32(0.5)

@@ -23,7 +23,7 @@ def tone_curve(gamma: float) -> np.ndarray:
     return np.clip(np.rint(255 * code), 0, 255).astype(np.uint8)
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, nogil=True)
 def expose(radiance, gain, read_noise, shot_noise, seed, curve, image):
     """Fill image (H, W, 3) uint8 from radiance (H, W, 3).
 

@@ -92,7 +92,7 @@ def _coat(coat, rough, origin, lamps, smooth, ceiling, px, py, pz, nx, ny, nz, d
     return share * rough * mirrored(origin, lamps, smooth, ceiling, px, py, pz, rx, ry, rz, COATS[coat, 2])
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, nogil=True)
 def shade(eye, width, columns, tables, light, beams, beam_power, kept, seen, shadows, sources=SOURCES):
     """Fill radiance, depth and instance of a band of pixels; list its shadow rays. Returns their number.
 
@@ -182,7 +182,7 @@ def shade(eye, width, columns, tables, light, beams, beam_power, kept, seen, sha
     return count
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def add_unblocked(radiance, pixel, light, blocked):
     """Add to each pixel the light of its shadow rays that met nothing."""
     for s in range(len(blocked)):

@@ -14,7 +14,8 @@ class JunctionMap:
     """What the garage's map says about the junction, in a frame whose x axis is the ego's way along the road.
 
     The side road joins from the right (y < 0) and traffic keeps to the right. Rectangles are x_min, y_min, x_max,
-    y_max in metres.
+    y_max in metres. ``from_left``: the side road joins from the left; everything here is then said of the mirror image
+    (y -> -y), and so are the vehicles asked about.
     """
 
     drivable: np.ndarray  # (K, 4) the side road and the junction
@@ -22,9 +23,11 @@ class JunctionMap:
     divide_x: float  # the side road's centre line: who leaves the side road is beyond it, who enters is before it
     swath_y: tuple[float, float]  # what the ego sweeps, right and left limit
     zone_x: tuple[float, float]  # the conflict zone: where the swath of a turning vehicle crosses the ego's
+    from_left: bool = False
 
     def obstructs(self, vehicles: np.ndarray) -> np.ndarray:
         """Mask (N,) of vehicles (N, 7) in the map's frame that may yet come into the conflict zone."""
+        vehicles = mirrored(vehicles) if self.from_left else vehicles
         on_road = _inside(vehicles, self.drivable) & ~_inside(vehicles, self.slots)
         on_road[on_road] = ~self._has_cleared(vehicles[on_road])
         return on_road
@@ -35,6 +38,11 @@ class JunctionMap:
         beyond = y.min(1) > self.swath_y[1]
         entered = (y.max(1) < self.swath_y[0]) & (vehicles[:, 0] < self.divide_x) & (np.sin(vehicles[:, 6]) < -0.5)
         return beyond | entered
+
+
+def mirrored(boxes: np.ndarray) -> np.ndarray:
+    """Boxes (N, 7) in the frame with y -> -y."""
+    return boxes * [1, -1, 1, 1, 1, 1, -1]
 
 
 def _inside(boxes: np.ndarray, rectangles: np.ndarray) -> np.ndarray:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.sim.actors import Actor
 from pcdet_avp.sim.garage import GarageLayout
+from pcdet_avp.sim.plans.floor import FloorLayout, Unit
 from pcdet_avp.sim.render.lights import Lighting
 from pcdet_avp.sim.scenarios.junction_map import JunctionMap
 from pcdet_avp.sim.trajectories import Path
@@ -47,7 +48,7 @@ class Scenario:
     trial: int
     seed_key: tuple[int, ...]  # of all further randomness: the same for every combination and perception
     cruising_mps: float  # v_c, m/s
-    layout: GarageLayout
+    layout: GarageLayout | FloorLayout
     actors: tuple[Actor, ...]
     lighting: Lighting
     ego_start_x: float  # of its centre
@@ -58,6 +59,7 @@ class Scenario:
     max_lateral_acceleration_mps2: float = 0.0  # m/s2, of the vehicle on rails
     ego_path: Path | None = None
     reversing: bool = False
+    unit: Unit | None = None  # the roadside unit, world frame; None: the mast at the origin
 
     def ego_pose(self, way_m: float) -> tuple[float, float, float]:
         """x, y (m) and yaw (rad) of the ego frame after a way."""
@@ -65,7 +67,7 @@ class Scenario:
 
     def world(self) -> World:
         """A garage at time 0 with every road user in place and the ego at its start."""
-        world = World(self.layout, self.actors, self.lighting, self.reversing)
+        world = World(self.layout, self.actors, self.lighting, self.reversing, self.unit)
         world.set_ego(*self.ego_pose(self.ego_start_x))
         return world
 

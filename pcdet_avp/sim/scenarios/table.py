@@ -10,16 +10,21 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.extensions import find_entry
 from pcdet_avp.sim.layouts import GarageConfig
+from pcdet_avp.sim.plans.read import read_plan
 from pcdet_avp.sim.scenarios.cpnco import CpncoConfig, cpnco_episode
 from pcdet_avp.sim.scenarios.cpra import CpraConfig, cpra_episode
 from pcdet_avp.sim.scenarios.cpta import CptaConfig, cpta_episode
 from pcdet_avp.sim.scenarios.crossing import CrossingConfig, crossing_episode
 from pcdet_avp.sim.scenarios.junction import JunctionConfig, junction_episode
+from pcdet_avp.sim.scenarios.plan_episodes import PLAN_SCENARIOS
 from pcdet_avp.sim.scenarios.scenario import Scenario
+
+ON_PLAN = "@"  # between a scenario's name and the file of a plan
 
 
 @dataclass(frozen=True)
@@ -100,8 +105,19 @@ def add_scenario(kind: ScenarioKind) -> ScenarioKind:
 
 
 def find_scenario(name: str) -> ScenarioKind:
-    """The scenario of a name, or of ``module:name``; ConfigError for an unknown one."""
-    return find_entry(SCENARIOS, name, "scenario")
+    """The scenario of a name, of ``module:name``, or of ``name@PLAN``: on a garage's plan. ConfigError for an unknown
+    one."""
+    short, at, plan = name.partition(ON_PLAN)
+    return _on_plan(short, plan) if at else find_entry(SCENARIOS, name, "scenario")
+
+
+def _on_plan(short: str, plan: str) -> ScenarioKind:
+    """A scenario whose sites are found in a plan (``plan_episodes``)."""
+    if short not in PLAN_SCENARIOS:
+        raise ConfigError(f"scenario {short!r} cannot play on a plan; those that can: {', '.join(PLAN_SCENARIOS)}")
+    file = read_plan(plan).file
+    title = f"{SCENARIOS[short].title}, {Path(file).stem}"
+    return ScenarioKind(f"{short}{ON_PLAN}{plan}", partial(PLAN_SCENARIOS[short], file), title)
 
 
 def draw_scenario(name: str, seed: int, trial: int, cruising_mps: float) -> Scenario:

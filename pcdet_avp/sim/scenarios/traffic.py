@@ -7,23 +7,36 @@ import numpy as np
 from pcdet_avp.sim.actors import Car
 from pcdet_avp.sim.garage import LANE_WIDTH_M, SLOT_DEPTH_M, SLOT_WIDTH_M, GarageLayout, Slot
 from pcdet_avp.sim.meshes.car_spec import CarSpec, draw_car
+from pcdet_avp.sim.plans.floor import FloorLayout, from_axes
 from pcdet_avp.sim.trajectories import Path, Route, Standing
 
 LANE_OFFSET_M = LANE_WIDTH_M / 2
 SLOT_CLEARANCE_M = 0.25  # parked cars keep this far from their slot's long sides where they can
+FITTING_TRIES = 20  # cars drawn for a small slot before a hatchback is taken
 ROAD_MARGIN_M = 3.2  # a driven car's centre stays this far from the ends of the road
 LEFT_TURN_RADIUS_M = (5.0, 6.5)
 RIGHT_TURN_RADIUS_M = (2.6, 3.2)  # tighter, or the inner rear wheel meets the corner pillar
 MANOEUVRES = {"exit_left": 0.5, "exit_right": 0.12, "enter_right": 0.15, "enter_left": 0.13, "wait_to_exit": 0.1}
 
 
-def draw_parked(rng: np.random.Generator, layout: GarageLayout, occupancy: float) -> dict[Slot, Car]:
+def draw_parked(rng: np.random.Generator, layout: GarageLayout | FloorLayout, occupancy: float) -> dict[Slot, Car]:
     """Each slot holds a car with probability ``occupancy``; object ids count from 0."""
     slots = [slot for slot in layout.slots if rng.random() < occupancy]
-    specs = [draw_car(rng) for _ in slots]
+    specs = [_draw_fitting(rng, slot) for slot in slots]
     return {
         slot: parked_in(rng, slot, spec, number) for number, (slot, spec) in enumerate(zip(slots, specs, strict=True))
     }
+
+
+def _draw_fitting(rng: np.random.Generator, slot: Slot) -> CarSpec:
+    """A car that fits its slot; those of the paper's size hold every one, so the first is taken there."""
+    for _ in range(FITTING_TRIES):
+        spec = draw_car(rng)
+        if spec.length <= slot.depth - SLOT_CLEARANCE_M / 2 and spec.width <= slot.width - SLOT_CLEARANCE_M:
+            return spec
+        if (slot.width, slot.depth) == (SLOT_WIDTH_M, SLOT_DEPTH_M):
+            return spec
+    return draw_car(rng, "hatchback")
 
 
 def parked_in(rng: np.random.Generator, slot: Slot, spec: CarSpec, object_id: int) -> Car:
@@ -33,12 +46,15 @@ def parked_in(rng: np.random.Generator, slot: Slot, spec: CarSpec, object_id: in
 
 def _parked_pose(rng: np.random.Generator, slot: Slot, spec: CarSpec) -> Standing:
     """Nose or tail to the road, a little off the middle of the slot and a little askew."""
-    aside = max((SLOT_WIDTH_M - spec.width) / 2 - SLOT_CLEARANCE_M, 0.0)
-    along = max((SLOT_DEPTH_M - spec.length) / 2 - SLOT_CLEARANCE_M / 2, 0.0)
-    x = slot.x + np.clip(rng.normal(0, 0.15), -aside, aside)
-    y = slot.y + along * (2 * rng.beta(0.5, 0.5) - 1)  # few in the middle: most are driven right in, or just in
+    aside = max((slot.width - spec.width) / 2 - SLOT_CLEARANCE_M, 0.0)
+    along = max((slot.depth - spec.length) / 2 - SLOT_CLEARANCE_M / 2, 0.0)
+    right = np.clip(rng.normal(0, 0.15), -aside, aside)
+    inwards = along * (2 * rng.beta(0.5, 0.5) - 1)  # few in the middle: most are driven right in, or just in
     turned = np.pi if rng.random() < 0.5 else 0.0
-    return Standing(float(x), float(y), slot.heading + turned + float(np.clip(rng.normal(0, 0.015), -0.03, 0.03)))
+    yaw = slot.heading + turned + float(np.clip(rng.normal(0, 0.015), -0.03, 0.03))
+    if abs(slot.heading) == np.pi / 2:  # drawn garages keep the very bytes that they always had
+        return Standing(float(slot.x + right), float(slot.y + inwards), yaw)
+    return Standing(*from_axes(slot, inwards, -right), yaw)
 
 
 def draw_lane_route(rng: np.random.Generator, layout: GarageLayout, near_x: float, same_way: bool) -> Route:

@@ -15,6 +15,7 @@ from pcdet_avp.sim.garage import GarageLayout
 from pcdet_avp.sim.layouts import draw_layout
 from pcdet_avp.sim.meshes.car_spec import CarSpec, draw_car
 from pcdet_avp.sim.meshes.pedestrian_spec import draw_pedestrian
+from pcdet_avp.sim.plans.read import cached_plan
 from pcdet_avp.sim.render.lights import draw_lighting
 from pcdet_avp.sim.scenarios.pedestrian_paths import (
     draw_along,
@@ -23,6 +24,7 @@ from pcdet_avp.sim.scenarios.pedestrian_paths import (
     draw_on_side_road,
     vehicle_gaps,
 )
+from pcdet_avp.sim.scenarios.plan_scene import draw_on_plan
 from pcdet_avp.sim.scenarios.reservations import Reservations
 from pcdet_avp.sim.scenarios.traffic import draw_junction_route, draw_lane_route, draw_parked
 from pcdet_avp.sim.trajectories import Path, Route, Trajectory
@@ -55,8 +57,11 @@ class TrainingScene:
 
 
 def draw_training_scene(rng: np.random.Generator, cfg: SceneConfig | None = None) -> TrainingScene:
-    """A scene drawn from the ranges of ``cfg``; everything in it follows from ``rng``."""
+    """A scene drawn from the ranges of ``cfg``; everything in it follows from ``rng``. With
+    ``cfg.plan`` it plays in that file's garage, else in one that is drawn."""
     cfg = cfg or SceneConfig()
+    if cfg.plan is not None:
+        return TrainingScene(*draw_on_plan(rng, cfg, cached_plan(cfg.plan)))
     layout = draw_layout(rng, cfg.garage)
     times = np.arange(cfg.frames) * cfg.frame_interval_s
     zone = cfg.zones[rng.choice(len(cfg.zones), p=[zone.share for zone in cfg.zones])]

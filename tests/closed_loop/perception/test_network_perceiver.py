@@ -202,3 +202,24 @@ def test_maps_without_compression_cannot_be_sent():
     cfg.MODEL.COMPRESSION.NAME = "NoCompression"
     with pytest.raises(ConfigError, match=r"--perception model: .*no bytes"):
         NetworkPerceiver(untrained(cfg), LinkOptions())
+
+
+def test_a_vehicle_that_reverses_has_no_camera_and_a_lidar_that_looks_where_it_goes(driving, scene):
+    """Its whole turn of columns is cast: the half that lies ahead is not the one that ``rig_ahead`` keeps."""
+    perceiver = NetworkPerceiver(driving, LinkOptions())
+    perceiver.begin(SimpleNamespace(name="test", trial=3, reversing=True), KEY)
+    assert len(perceiver.perceive(at_tick(scene, 0), 0, SENSOR_SETS["C+none"]).boxes) == 0
+    found = perceiver.perceive(at_tick(scene, 1), 1, SENSOR_SETS["CL+none"])
+    rig = Rig.from_config(driving.sensors).reversed()
+    frame = observe(at_tick(scene, 1), rig, (*KEY, 1), "1", ["ego_lidar"])
+    seen = Onboard(driving, 0.3).detect(frame, False, True, frame.ego.world_from_agent, {})
+    assert len(found.boxes) > 10
+    assert same(found, seen)
+
+
+def test_with_its_own_sensors_dead_a_vehicle_has_the_roadside_s_maps_and_then_nothing(driving, scene):
+    perceiver = NetworkPerceiver(driving, LinkOptions())
+    perceiver.begin(SCENARIO, KEY)
+    assert len(perceiver.perceive(at_tick(scene, 0), 0, SensorSet(False, False, True, True)).boxes) > 0
+    perceiver.begin(SCENARIO, KEY)
+    assert len(perceiver.perceive(at_tick(scene, 0), 0, SensorSet(False, False, False, False)).boxes) == 0

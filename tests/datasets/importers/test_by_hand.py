@@ -4,9 +4,12 @@ Unreal's yaw of 90 degrees faces +y, which is to the right of +x; what lies at s
 """
 
 import json
+import random
+from contextlib import suppress
 
 import numpy as np
 import pytest
+import yaml
 from datasets.importers.written import write_carla_cloud, write_json, write_pcd, write_png
 
 from pcdet_avp.datasets.importers import axes
@@ -68,6 +71,13 @@ def test_opv2v_by_hand(opv2v):
     np.testing.assert_allclose(record.ego.world_from_agent.translation, [10, -20, 0.5])
     assert record.ego.world_from_agent.yaw == pytest.approx(-QUARTER)
     assert record.units == {}
+
+
+def test_numbers_without_a_point_are_numbers(opv2v):
+    """YAML 1.1 takes 25e-1 for a text."""
+    file = opv2v / "2026_01_01_00_00_00" / "3" / "000068.yaml"
+    file.write_text(OPV2V.replace("20.0, 2.5, 0.0", "20.0, 25e-1, 0.0"))
+    np.testing.assert_allclose(only_record("opv2v", opv2v).ego.points, [[4, -1, 0.5, 1], [4, 0, 2, 0]], atol=1e-6)
 
 
 def test_opv2vs_camera_by_hand(opv2v):
@@ -180,6 +190,20 @@ def test_a_cloud_may_be_raw_data_or_saved_by_carla(carla, suffix):
     write_carla_cloud(carla / "lot" / "top" / f"30{suffix}", np.array([[5, 2, -2, 0.25], [9, -3, 0, 1]], np.float32))
     points = only_record("carla", carla).ego.points
     np.testing.assert_allclose(points, [[5, -2, 0, 0.25], [9, 3, 2, 1]], atol=1e-6)
+
+
+def test_the_maps_own_parked_cars_are_labelled(carla):
+    """They are no actors. One 10 m ahead and 4 m to the left, turned by 90 degrees: it faces the ego's right."""
+    file = carla / "lot" / "scene.json"
+    content = json.loads(file.read_text())
+    box = carla_pose(10, -4, 0.9, yaw=90) | {"extent": {"x": 2.2, "y": 0.9, "z": 0.7}}
+    content["static_cars"] = [box, box | {"extent": {"x": 0, "y": 0, "z": 0}}]
+    file.write_text(json.dumps(content))
+    recording = open_recording("carla", carla)
+    labels = recording.read("lot", "30").record.labels
+    np.testing.assert_allclose(labels.boxes[-1], [10, 4, 0.7, 4.4, 1.8, 1.4, -QUARTER], atol=1e-9)
+    assert (labels.names[-1], labels.object_ids[-1]) == ("Car", -1)
+    assert recording.notes.counts["car of the map without a size left out"] == 1
 
 
 def test_carlas_mast_by_hand(carla):
@@ -341,7 +365,7 @@ def test_what_no_repair_explains_is_refused(block, message):
 OPV2V_DAMAGE = {
     "five numbers": ("lidar_pose: [10.0, ", "lidar_pose: [", r"lidar_pose: expected numbers of shape \(6,\)"),
     "no pose": ("true_ego_pos", "ego_pos", "true_ego_pos: missing"),
-    "cut": ("vehicles:\n", "vehicles: [\n", "not YAML"),
+    "cut": ("vehicles:\n", "vehicles: [\n", "not YAML of plain values"),
     "NaN": ("[10.0, 30.0, 0.5]", "[10.0, .nan, 0.5]", r"vehicles.7.location: holds NaN"),
     "a named vehicle": ("  8: {", "  van: {", "expected a whole number as a vehicle's id, found 'van'"),
 }  # fmt: skip
@@ -396,3 +420,36 @@ def test_a_depth_camera_elsewhere_and_a_second_camera_are_refused(carla):
     write_png(carla / "lot" / "second" / "30.png", GREY)
     with pytest.raises(RecordError, match=r"sensors.second: the depth camera does not stand where eye stands"):
         only_record("carla", carla)
+
+
+# ---------------------------------------------------------------- any damage at all
+
+JUNK = (None, "", "x", -1, 1e400, [], {}, [[1]], True, "1626")
+
+
+def spoil(value, rng):
+    """Another value somewhere inside a JSON or YAML value, or an entry less."""
+    if isinstance(value, dict | list) and value and rng.random() < 0.9:
+        key = rng.choice(list(value) if isinstance(value, dict) else range(len(value)))
+        if rng.random() < 0.15:
+            del value[key]
+        else:
+            value[key] = spoil(value[key], rng)
+        return value
+    return rng.choice(JUNK)
+
+
+@pytest.mark.parametrize("seed", range(25))
+@pytest.mark.parametrize("format_name", ["opv2v", "carla", "dair"])
+def test_damage_anywhere_is_a_record_error_or_does_no_harm(format_name, seed, request):
+    root, rng = request.getfixturevalue(format_name), random.Random(seed)
+    file = rng.choice(sorted(p for p in root.rglob("*") if p.suffix in (".json", ".yaml", ".pcd", ".jpg", ".png")))
+    if file.suffix in (".json", ".yaml"):
+        file.write_text(json.dumps(spoil(yaml.safe_load(file.read_text()), rng)))  # JSON is YAML, too
+    else:
+        file.write_bytes(file.read_bytes()[: rng.randrange(file.stat().st_size)])
+    with suppress(RecordError):
+        recording = open_recording("dair_v2x" if format_name == "dair" else format_name, root)
+        for scene in recording.scenes:
+            for frame in scene.frames:
+                recording.read(scene.name, frame)

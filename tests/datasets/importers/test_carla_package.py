@@ -3,8 +3,10 @@
 Run with carla==0.9.16 installed (``pip install --no-deps carla==0.9.16``); skipped without.
 """
 
+import json
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -59,7 +61,7 @@ def test_the_vertices_of_a_box_are_carlas(seed):
     assert apart.min(1).max() < FLOAT32_M
 
 
-def test_the_recorder_of_the_documentation_writes_what_carlas_objects_hold():
+def test_the_recorder_of_the_documentation_writes_what_carlas_objects_hold(tmp_path):
     page = (Path(__file__).parents[3] / "docs" / "own_data.md").read_text()
     code = next(block for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "def transform_of" in block)
     names = {}
@@ -70,3 +72,10 @@ def test_the_recorder_of_the_documentation_writes_what_carlas_objects_hold():
     found = axes.pose_from_unreal([place["x"], place["y"], place["z"]], turn["roll"], turn["pitch"], turn["yaw"])
     np.testing.assert_allclose(found.matrix, MIRROR @ np.array(transform.get_matrix()) @ MIRROR, atol=FLOAT32_M)
     assert names["xyz"](carla.Vector3D(1, 2, 3)) == {"x": 1, "y": 2, "z": 3}
+    box = carla.BoundingBox(carla.Location(4, 5, 6), carla.Vector3D(2, 1, 1))
+    box.rotation = carla.Rotation(yaw=30)
+    names["write_scene"](tmp_path, SimpleNamespace(id=7), {}, [box])
+    (static,) = json.loads((tmp_path / "scene.json").read_text())["static_cars"]
+    assert static["location"] == {"x": 4, "y": 5, "z": 6}
+    assert static["rotation"]["yaw"] == pytest.approx(30)
+    assert static["extent"] == {"x": 2, "y": 1, "z": 1}

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from datasets.importers.written import FIRST_OBJECT
 
-from pcdet_avp.datasets.importers import axes, carla, dair_v2x, opv2v
+from pcdet_avp.datasets.importers import axes, carla, carla_scene, dair_v2x, opv2v
 from pcdet_avp.datasets.importers.run import open_recording
 from pcdet_avp.errors import RecordError
 from pcdet_avp.structures.boxes import wrap_angle
@@ -106,12 +106,13 @@ def mirrored_throughout(monkeypatch):
     pose = axes.pose_from_unreal
     for module in (opv2v, carla):
         monkeypatch.setattr(module, "points_from_unreal", np.asarray)
+    for module in (opv2v, carla_scene):
         monkeypatch.setattr(module, "pose_from_unreal", left_handed)
 
 
 def degrees_as_radians(monkeypatch):
     pose = axes.pose_from_unreal
-    for module in (opv2v, carla):
+    for module in (opv2v, carla_scene):
         monkeypatch.setattr(
             module, "pose_from_unreal", lambda place, *angles: pose(place, *(np.degrees(a) for a in angles))
         )
@@ -119,7 +120,7 @@ def degrees_as_radians(monkeypatch):
 
 def pitch_for_roll(monkeypatch):
     pose = axes.pose_from_unreal
-    for module in (opv2v, carla):
+    for module in (opv2v, carla_scene):
         monkeypatch.setattr(module, "pose_from_unreal", lambda place, roll, pitch, yaw: pose(place, pitch, roll, yaw))
 
 
@@ -136,7 +137,7 @@ def centre_forgotten(monkeypatch):
 
 
 def offset_forgotten(monkeypatch):
-    monkeypatch.setattr(dair_v2x, "_offset", lambda field: 0.0)
+    monkeypatch.setattr(dair_v2x, "offset_of", lambda field: 0.0)
 
 
 def chain_reversed(monkeypatch):

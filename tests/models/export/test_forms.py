@@ -170,7 +170,7 @@ def test_exponents_by_comparison_are_those_of_frexp():
     x = torch.from_numpy(np.concatenate([values, powers, [0.0, 1e-45, 3e38]]).astype(np.float32)).view(1, -1, 1, 1)
     exponents = int8_exponents(x)
     assert torch.equal(_exponents_by_comparison(x), exponents.long())
-    assert torch.equal(_power_of_two(exponents), torch.ldexp(torch.ones(()), exponents))
+    assert torch.equal(_power_of_two(exponents), torch.ldexp(torch.ones_like(x), exponents))
 
 
 def test_what_has_no_half_on_the_air_is_refused():

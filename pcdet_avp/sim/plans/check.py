@@ -1,0 +1,151 @@
+"""What is wrong with a floor's geometry: each problem in one line, with the line of the plan where it stands."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from pcdet_avp.sim.plans.floor import Floor, from_axes, nearest
+from pcdet_avp.structures.rotated_iou import bev_intersection
+
+TOUCH_M2 = 0.05  # shared area that counts as touching
+JOINS_M = 0.5  # a road's end that belongs to a junction lies at most so far from it
+HANGS_M = 0.5  # a mount on the ceiling is at most so far below it, one on a wall or pillar so far from its middle
+MOUTH_M = 2.0  # a slot's mouth has a road within so much
+SWATH_M = 1.6  # and so wide a way to it
+Problem = tuple[int, str]
+
+
+def problems(floor: Floor) -> list[Problem]:
+    """(line, message) of everything that is wrong, in the order of the lines; none for a good floor."""
+    checks = (_slots, _pillars_and_walls, _reach, _junctions, _mounts, _lamps, _units)
+    return sorted((problem for check in checks for problem in check(floor)), key=lambda problem: problem[0])
+
+
+def _line(floor: Floor, name: str, number: int) -> int:
+    lines = floor.lines.get(name, ())
+    return lines[number] if number < len(lines) else floor.lines.get("floor", (0,))[0]
+
+
+def _boxes(boxes) -> np.ndarray:
+    return np.array(boxes, float).reshape(-1, 7)
+
+
+def _slots(floor: Floor) -> Iterator[Problem]:
+    slots = _boxes([slot.box for slot in floor.slots])
+    shared = bev_intersection(slots, slots)
+    for a, b in np.argwhere(np.triu(shared > TOUCH_M2, 1)):
+        line = max(_line(floor, "slots", a), _line(floor, "slots", b))
+        yield line, f"slot {_at(floor.slots[b])} overlaps slot {_at(floor.slots[a])} by {shared[a, b]:.2f} m2"
+    on_road = bev_intersection(slots, floor.surfaces).max(1, initial=0.0)
+    for k in np.flatnonzero(on_road > TOUCH_M2):
+        yield _line(floor, "slots", k), f"slot {_at(floor.slots[k])} lies across a road, by {on_road[k]:.2f} m2"
+
+
+def _pillars_and_walls(floor: Floor) -> Iterator[Problem]:
+    slots = _boxes([slot.box for slot in floor.slots])
+    solids = floor.solid_boxes()
+    on_road, in_slot = bev_intersection(solids, floor.surfaces), bev_intersection(solids, slots)
+    for k, solid in enumerate(solids):
+        wall = k - len(floor.pillars)
+        what, line = ("pillar", _line(floor, "pillars", k)) if wall < 0 else ("wall", _line(floor, "walls", wall))
+        at = f"at ({solid[0]:.1f}, {solid[1]:.1f})"
+        if on_road[k].max(initial=0.0) > TOUCH_M2:
+            yield line, f"{what} {at} stands on a road"
+        if in_slot[k].max(initial=0.0) > TOUCH_M2:
+            yield line, f"{what} {at} stands in slot {_at(floor.slots[int(in_slot[k].argmax())])}"
+
+
+def _reach(floor: Floor) -> Iterator[Problem]:
+    """A slot is reachable where a way as wide as a car leads from its mouth to a road, past all that is solid."""
+    solids = floor.solid_boxes()
+    taken = _boxes([slot.box for slot in floor.slots])
+    for k, slot in enumerate(floor.slots):
+        if not any(_open_side(floor, slot, way, solids, np.delete(taken, k, 0)) for way in _ways_in(slot)):
+            line = _line(floor, "slots", k)
+            yield (
+                line,
+                f"slot {_at(slot)} cannot be reached: no road within {MOUTH_M:g} m of its mouth, or not past walls",
+            )
+
+
+def _ways_in(slot) -> list[np.ndarray]:
+    """Boxes (7,) before the mouth of a slot; a slot along a road is entered over either long side, too."""
+    front = from_axes(slot, -(slot.depth + MOUTH_M) / 2, 0.0)
+    ways = [np.array([*front, 0.5, MOUTH_M, SWATH_M, 1.0, slot.heading])]
+    for side in (-1, 1):
+        middle = from_axes(slot, 0.0, side * (slot.width + MOUTH_M) / 2)
+        ways.append(np.array([*middle, 0.5, slot.depth * 0.8, MOUTH_M, 1.0, slot.heading]))
+    return ways
+
+
+def _open_side(floor: Floor, slot, way: np.ndarray, solids: np.ndarray, others: np.ndarray) -> bool:
+    leads = bev_intersection(way[None], floor.surfaces).max(initial=0.0) > 0.2
+    blocked = bev_intersection(way[None], np.concatenate([solids, others])).max(initial=0.0) > TOUCH_M2
+    return bool(leads and not blocked)
+
+
+def _junctions(floor: Floor) -> Iterator[Problem]:
+    for k, junction in enumerate(floor.junctions):
+        line, arms = _line(floor, "junctions", k), 0
+        for name in junction.roads:
+            road = floor.road(name)
+            s, distance = nearest(road.path, junction.x, junction.y)
+            if distance > JOINS_M:
+                yield line, f"junction {junction.id!r}: road {name!r} passes {distance:.1f} m away from it"
+            arms += 1 if min(s, road.path.length - s) < JOINS_M else 2
+        expected = {"t": 3, "crossing": 4, "bend": 2}[junction.kind]
+        if arms != expected:
+            yield line, f"junction {junction.id!r}: a {junction.kind} has {expected} arms, found {arms}"
+
+
+def _mounts(floor: Floor) -> Iterator[Problem]:
+    for k, mount in enumerate(floor.mounts):
+        line, name = _line(floor, "mounts", k), f"mount {mount.id!r}"
+        if mount.z > floor.ceiling_m:
+            yield line, f"{name} hangs above the ceiling: expected at most {floor.ceiling_m:g} m, found {mount.z:g}"
+        elif mount.on == "ceiling" and floor.ceiling_m - mount.z > HANGS_M:
+            low = floor.ceiling_m - HANGS_M
+            yield line, f"{name} hangs in the air: expected at least {low:g} m under this ceiling, found {mount.z:g}"
+        elif mount.on in ("wall", "pillar") and not _touches(floor, mount):
+            yield line, f"{name} hangs in the air: no {mount.on} as high as {mount.z:g} m within {HANGS_M:g} m"
+        elif mount.on == "pole" and _on(floor.surfaces, mount):
+            yield line, f"{name}: its pole stands on a road"
+
+
+def _touches(floor: Floor, mount) -> bool:
+    pillars, walls = len(floor.pillars), floor.solid_boxes()
+    solids = walls[:pillars] if mount.on == "pillar" else walls[pillars:]
+    tall = solids[solids[:, 5] >= mount.z - 0.05]
+    near = tall + [0, 0, 0, 2 * HANGS_M, 2 * HANGS_M, 0, 0]
+    return bool(len(near)) and _on(near, mount)
+
+
+def _on(boxes: np.ndarray, mount) -> bool:
+    spot = np.array([[mount.x, mount.y, 0.5, 0.02, 0.02, 1.0, 0.0]])
+    return bool(bev_intersection(spot, boxes).max(initial=0.0) > 0)
+
+
+def _lamps(floor: Floor) -> Iterator[Problem]:
+    x0, y0, x1, y1 = floor.outline()
+    for k, lamp in enumerate(floor.lamps):
+        if not (x0 <= lamp.x <= x1 and y0 <= lamp.y <= y1):
+            yield _line(floor, "lamps", k), f"lamp at ({lamp.x:.1f}, {lamp.y:.1f}) lies outside the floor"
+
+
+def _units(floor: Floor) -> Iterator[Problem]:
+    mounts = {(mount.x, mount.y, mount.z): mount for mount in floor.mounts}
+    for k, unit in enumerate(floor.units):
+        yaws = mounts[unit.x, unit.y, unit.z].yaws
+        if yaws and np.abs(np.cos(np.array(yaws) - unit.yaw) - 1).min() > 1e-3:
+            allowed = ", ".join(f"{np.degrees(yaw):g}" for yaw in yaws)
+            found = f"found {np.degrees(unit.yaw):g}"
+            yield (
+                _line(floor, "units", k),
+                f"unit {unit.id!r}: expected a yaw of its mount ({allowed} degrees), {found}",
+            )
+
+
+def _at(slot) -> str:
+    return f"at ({slot.x:.1f}, {slot.y:.1f})"

@@ -1,0 +1,98 @@
+"""Each mistake in a plan is one line that names the file, the line of the plan, what was expected and found."""
+
+import pytest
+from plan_files import STRAIGHT, written
+
+from pcdet_avp.errors import ConfigError
+from pcdet_avp.sim.plans.read import read_plan
+
+ROW = "    rows:\n      - {road: main, side: right, s_m: 2, count: 3, width_m: 2.5, length_m: 5}\n"
+SIDE = "      - {id: side, start: [20, -20], hdg_deg: 90, geometry: [{line_m: 20}], lanes: {right: [3], left: [3]}}\n"
+BAD = {
+    "unknown key": ("    pilars: []\n", 8, "pilars: unknown key; near ones: pillars"),
+    "wrong type": ("    style: blue\n", 8, "style: expected integer, found 'blue'"),
+    "unknown kind": ("    walls:\n      - {kind: fence, line: [[0, 4], [1, 4]]}\n", 9, "one of wall, parapet, ramp"),
+    "missing key": ("    pillars:\n      - {at: [3, 5]}\n", 9, "missing key 'size_m'"),
+    "twice": ("    ceiling_m: 2.8\n", 8, "ceiling_m: is given twice"),
+    "not a number": ("    pillars:\n      - {at: [.nan, 5], size_m: 0.4}\n", 9, "expected a finite number"),
+    "no such road": (ROW.replace("main", "mian"), 9, "expected one of the roads main, found 'mian'"),
+    "row too long": (ROW.replace("count: 3", "count: 30"), 9, "longer than road 'main', which ends at 40 m"),
+    "overlap": (
+        ROW + "    slots:\n      - {at: [10.5, -5.9], hdg_deg: -90}\n",
+        11,
+        "overlaps slot at (8.2, -5.5) by 3.0",
+    ),
+    "slot across a road": ("    slots:\n      - {at: [5, -3], hdg_deg: -90}\n", 9, "lies across a road"),
+    "unreachable": ("    slots:\n      - {at: [5, -12], hdg_deg: -90}\n", 9, "cannot be reached"),
+    "walled in": (
+        ROW + "    walls:\n      - {kind: wall, line: [[0, -3.0], [12, -3.0]], thickness_m: 0.1}\n",
+        9,
+        "cannot be reached",
+    ),
+    "pillar on a road": (
+        "    pillars:\n      - {at: [9, 1], size_m: 0.5}\n",
+        9,
+        "pillar at (9.0, 1.0) stands on a road",
+    ),
+    "pillar in a slot": (ROW + "    pillars:\n      - {at: [3.2, -5], size_m: 0.5}\n", 11, "stands in slot"),
+    "mount in the air": (
+        "    mounts:\n      - {id: m, at: [5, 0], height_m: 2, on: ceiling}\n",
+        9,
+        "mount 'm' hangs in the air: expected at least 2.5 m under this ceiling, found 2",
+    ),
+    "mount above the ceiling": (
+        "    mounts:\n      - {id: m, at: [5, 0], height_m: 4, on: ceiling}\n",
+        9,
+        "hangs above the ceiling",
+    ),
+    "mount without a wall": (
+        "    mounts:\n      - {id: m, at: [5, 5], height_m: 2, on: wall}\n",
+        9,
+        "no wall as high as 2 m",
+    ),
+    "unit without a mount": (
+        "    units:\n      - {id: u, mount: m, yaw_deg: 0, pitch_down_deg: 9, sensors: C}\n",
+        9,
+        "found 'm'",
+    ),
+    "junction away": ("    junctions:\n      - {id: J, kind: t, at: [5, 9], roads: [main, main]}\n", 9, "9.0 m away"),
+    "ramp of one height": ("    walls:\n      - {kind: ramp, line: [[0, 4], [9, 4]], height_m: 1}\n", 9, "two heights"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_a_mistake_is_one_line_with_its_number(tmp_path, case):
+    more, line, message = BAD[case]
+    with pytest.raises(ConfigError) as error:
+        read_plan(written(tmp_path, more=more))
+    text = str(error.value)
+    assert text.startswith(f"{tmp_path / 'plan.yaml'}: line {line}: ")
+    assert message in text
+    assert "\n" not in text
+
+
+def test_a_junction_needs_its_arms(tmp_path):
+    junction = "    junctions:\n      - {id: J, kind: crossing, at: [20, 0], roads: [main, side]}\n"
+    with pytest.raises(ConfigError, match="line 10: junction 'J': a crossing has 4 arms, found 3"):
+        read_plan(written(tmp_path, STRAIGHT + SIDE, junction))
+    read_plan(written(tmp_path, STRAIGHT + SIDE, junction.replace("crossing", "t")))
+
+
+def test_what_is_no_yaml(tmp_path):
+    with pytest.raises(ConfigError, match="line 9: expected"):
+        read_plan(written(tmp_path, more="    walls: [{kind: wall\n"))
+    file = tmp_path / "empty.yaml"
+    file.write_text("")
+    with pytest.raises(ConfigError, match="expected a plan, found an empty file"):
+        read_plan(file)
+
+
+def test_a_file_that_is_not_there():
+    with pytest.raises(ConfigError, match="no_such_plan"):
+        read_plan("no_such_plan.yaml")
+
+
+def test_bends_too_tight_for_their_lanes(tmp_path):
+    text = STRAIGHT.replace("[{line_m: 40}]", "[{line_m: 40}, {arc_deg: 90, radius_m: 3}]")
+    with pytest.raises(ConfigError, match=r"line 7: .*radius_m: expected more than 3.5 m"):
+        read_plan(written(tmp_path, text))

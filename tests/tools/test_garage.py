@@ -1,0 +1,40 @@
+"""tools/garage.py as a user meets it."""
+
+import sys
+
+import pytest
+from plan_files import STRAIGHT, written
+
+from pcdet_avp.errors import ConfigError
+
+MORE = """\
+    rows:
+      - {road: main, side: left, s_m: 4, count: 4, width_m: 2.5, length_m: 5}
+    mounts:
+      - {id: end, at: [39, 0], height_m: 2.8, on: ceiling, yaw_deg: [180]}
+    lamp_rows:
+      - {road: main, spacing_m: 8}
+"""
+
+
+def garage(load_tool, monkeypatch, *arguments):
+    monkeypatch.setattr(sys, "argv", ["garage", *map(str, arguments)])
+    load_tool("garage").main()
+
+
+def test_a_plan_is_drawn(tmp_path, load_tool, monkeypatch, capsys):
+    garage(load_tool, monkeypatch, "--plan", written(tmp_path, STRAIGHT, MORE), "--out", tmp_path / "out")
+    assert "40 x 11 m, ceiling 3 m, 4 slots, 80 m of lanes" in capsys.readouterr().out
+    files = {file.name for file in (tmp_path / "out").iterdir()}
+    assert files == {"A.svg", "A.png", "A_mount_end_180.png"}
+    assert (tmp_path / "out" / "A.svg").read_text().startswith("<?xml")
+
+
+def test_all_mistakes_are_told(tmp_path, load_tool, monkeypatch, capsys):
+    bad = MORE.replace("height_m: 2.8", "height_m: 1.8").replace("side: left, s_m: 4", "side: left, gap_m: 5, s_m: 4")
+    file = written(tmp_path, STRAIGHT, bad)
+    with pytest.raises(ConfigError, match=r"line 11: mount 'end' hangs in the air"):
+        garage(load_tool, monkeypatch, "--plan", file, "--check")
+    told = capsys.readouterr().err.splitlines()
+    assert len(told) == 4  # every slot
+    assert all("line 9: slot at" in line for line in told)
