@@ -66,8 +66,11 @@ class Encoders:
         image = sample["images" + self._suffix]
         if image.ndim != 3 or image.shape[2] != 3:
             raise SensorError(f"images{self._suffix}: expected shape (h, w, 3), found {image.shape}")
-        calibration = (sample[key + self._suffix] for key in ("trans_lidar_to_cam", "trans_cam_to_img"))
-        matrix = frustum.image_from_agent(*calibration, self._camera.crop_px)
+        cam_from_agent, image_from_cam = (
+            sample["trans_lidar_to_cam" + self._suffix],
+            sample["trans_cam_to_img" + self._suffix],
+        )
+        matrix = frustum.image_from_agent(cam_from_agent, image_from_cam, self._camera.crop_px)
         size = (image.shape[0] - self._camera.crop_px, image.shape[1])
         tables = frustum.tables(matrix, self._grid, self._camera, size)
         x = self._graphs("camera", image=image.transpose(2, 0, 1)[None], **vars(tables))["bev_map"]
@@ -201,7 +204,7 @@ def merged(placed: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray,
         return placed[0]
     maps, masks = (np.concatenate(parts) for parts in zip(*placed, strict=True))
     length = np.where(masks, np.square(maps).sum(1, keepdims=True), np.float32(-1))
-    present, chosen = masks.any(0, keepdims=True), masks & (length == length.max(0))
+    present, chosen = np.any(masks, axis=0, keepdims=True), masks & (length == length.max(0))
     highest = np.where(chosen, maps, np.float32(-np.inf)).max(0, keepdims=True)
     return np.where(present, highest, np.float32(0)), present
 

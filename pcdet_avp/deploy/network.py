@@ -96,7 +96,8 @@ class Network:
 
     @property
     def grid(self) -> BevGrid:
-        return BevGrid(*self.point_cloud_range, self.cell_m)
+        x_min, y_min, z_min, x_max, y_max, z_max = self.point_cloud_range
+        return BevGrid(x_min, y_min, z_min, x_max, y_max, z_max, self.cell_m)
 
     def as_json(self) -> dict[str, Any]:
         """Plain values by name."""

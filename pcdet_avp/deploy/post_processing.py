@@ -73,6 +73,8 @@ def anchors(grid: BevGrid, head: Head) -> np.ndarray:
 def _centres(of_class: AnchorSet, grid: BevGrid, stride: int) -> tuple[np.ndarray, np.ndarray]:
     """x (W / stride,) and y (H / stride,) of the centres; see ``AnchorClass.centres``."""
     rows, columns = grid.height // stride, grid.width // stride
+    x: np.ndarray
+    y: np.ndarray
     if not of_class.align_center:
         x, y = np.linspace(grid.x_min_m, grid.x_max_m, columns), np.linspace(grid.y_min_m, grid.y_max_m, rows)
     else:
