@@ -62,8 +62,10 @@ class _RoadsideInTorch:
 
         self._half = RoadsideHalf(model, max_segment_bytes, budget_bytes)
 
-    def segments(self, sample: Sample, frame_id: int, time_us: int, world_from_infra: Pose) -> dict[str, list[bytes]]:
-        return self._half.segments(_batch_of(sample), frame_id, time_us, world_from_infra)
+    def segments(
+        self, sample: Sample, frame_id: int, time_us: int, world_from_infra: Pose, sender: int = 0
+    ) -> dict[str, list[bytes]]:
+        return self._half.segments(_batch_of(sample), frame_id, time_us, world_from_infra, sender)
 
 
 class _VehicleInTorch:
