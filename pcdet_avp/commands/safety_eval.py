@@ -30,6 +30,7 @@ from pcdet_avp.closed_loop.sweep.arguments import sweep_meta, sweep_of
 from pcdet_avp.closed_loop.sweep.summary import crash_text, summary, write_results
 from pcdet_avp.closed_loop.sweep.sweep import Sweep, run_sweep
 from pcdet_avp.closed_loop.video.video_sweep import write_sweep_videos
+from pcdet_avp.errors import ConfigError
 from pcdet_avp.runtime_arguments import add_runtime_arguments
 from pcdet_avp.sim.scenarios.table import ON_PLAN, SCENARIOS
 
@@ -69,6 +70,8 @@ def main() -> None:
     args, started = parse_arguments(), time.time()
     if args.plan:
         args.scenario = f"{args.scenario}{ON_PLAN}{args.plan}"
+    if args.video and ON_PLAN in args.scenario:
+        raise ConfigError(f"--video: films show the drawn garages alone, not a plan's; found {args.scenario}")
     sweep = sweep_of(args, Path("cfgs", "closed_loop.yaml"))
     if args.certify:
         certify(args, sweep, started)
