@@ -12,7 +12,7 @@ import numpy as np
 from pcdet_avp.deploy.network import AnchorSet, Head, Suppression
 from pcdet_avp.structures.bev_grid import BevGrid
 from pcdet_avp.structures.ego import overlaps_ego
-from pcdet_avp.structures.rotated_iou import bev_iou
+from pcdet_avp.structures.rotated_iou import suppress
 
 MAX_LOG_SIZE_RATIO = 4.0  # as the network's box coder has it
 Detected = dict[str, np.ndarray]
@@ -35,7 +35,7 @@ def _of_class(outputs: Detected, scores: np.ndarray, k: int, grid: BevGrid, head
     above = np.flatnonzero(scores > np.float32(suppression.min_scores[k]))
     above = above[np.argsort(-scores[above], kind="stable")[: suppression.pre_max]]
     boxes = decode(outputs, above, anchors(grid, head), head)
-    keep = suppress(boxes, suppression.max_overlaps[k])[: suppression.post_max]
+    keep = suppress(boxes, suppression.max_overlaps[k], suppression.post_max)
     return boxes[keep], scores[above[keep]], np.full(len(keep), k + 1)
 
 
@@ -81,13 +81,3 @@ def _centres(of_class: AnchorSet, grid: BevGrid, stride: int) -> tuple[np.ndarra
         pitch = grid.cell_m * stride
         x, y = grid.x_min_m + (np.arange(columns) + 0.5) * pitch, grid.y_min_m + (np.arange(rows) + 0.5) * pitch
     return x.astype(np.float32), y.astype(np.float32)
-
-
-def suppress(boxes: np.ndarray, threshold: float) -> np.ndarray:
-    """Rows of boxes (N, 7), sorted by falling score, that no better survivor overlaps by more than ``threshold``."""
-    waiting, keep = np.arange(len(boxes)), []
-    while len(waiting):
-        keep.append(waiting[0])
-        overlap = bev_iou(boxes[waiting[:1]], boxes[waiting[1:]])[0]
-        waiting = waiting[1:][overlap <= threshold]
-    return np.array(keep, np.int64)
