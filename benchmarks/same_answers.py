@@ -19,7 +19,7 @@ import re
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -121,16 +121,36 @@ def same_files(old: Side, new: Side, folder: str, pattern: str) -> tuple[bool, s
 
 
 def same_detections(old: Side, new: Side, tolerance: float) -> tuple[bool, str]:
-    """Equal frames, classes and numbers of boxes; boxes and scores within ``tolerance``."""
+    """Equal frames, classes and numbers of boxes; boxes and scores within ``tolerance``.
+
+    Boxes whose scores differ by less than the tolerance may have changed places: each is compared with the nearest one.
+    """
     worst, boxes = 0.0, 0
     for path in sorted(old.folder.glob("output/**/detections/*.npz")):
         a, b = np.load(path), np.load(new.folder / path.relative_to(old.folder))
-        if a["name"].tolist() != b["name"].tolist() or a["frame"].tolist() != b["frame"].tolist():
+        rows = np.arange(len(a["score"])) if tolerance == 0 else nearest(a, b)
+        whole = len(rows) == len(a["score"]) == len(b["score"])
+        if not whole or any((a[key] != b[key][rows]).any() for key in ("frame", "name")):
             return False, f"{path.name}: other boxes, classes or order"
-        boxes += len(a["score"])
+        boxes += len(rows)
         for key in ("boxes_lidar", "score"):
-            worst = max(worst, float(np.abs(a[key] - b[key]).max(initial=0.0)))
+            worst = max(worst, float(np.abs(a[key] - b[key][rows]).max(initial=0.0)))
     return boxes > 0 and worst <= tolerance, f"{boxes} boxes, largest difference {worst:.2g} (m, rad or score)"
+
+
+def nearest(a: Mapping[str, np.ndarray], b: Mapping[str, np.ndarray]) -> np.ndarray:
+    """For each detection of ``a`` the row of the nearest one of ``b`` of its frame and class, each taken once.
+
+    Ends at the first that finds no partner.
+    """
+    free, rows = np.ones(len(b["score"]), dtype=bool), []
+    for frame, name, box in zip(a["frame"], a["name"], a["boxes_lidar"], strict=True):
+        candidates = np.flatnonzero(free & (b["frame"] == frame) & (b["name"] == name))
+        if not len(candidates):
+            break
+        rows.append(candidates[np.abs(b["boxes_lidar"][candidates] - box).max(1).argmin()])
+        free[rows[-1]] = False
+    return np.array(rows, dtype=np.int64)
 
 
 def same_episodes(old: Side, new: Side, name: str) -> tuple[bool, str]:
