@@ -2,11 +2,13 @@
 
 import copy
 import json
+import shlex
 import shutil
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import yaml
 
 from pcdet_avp.config import load_config
 from pcdet_avp.datasets import build_dataset
@@ -73,6 +75,23 @@ def test_other_data_are_refused_with_key_and_both_values(cfg, path, value):
         check(cfg, made())
     assert f"data/dataset.json: these data were made with DATA_CONFIG.{path} {before!r}" in str(error.value)
     assert f"the configuration says {value!r}" in str(error.value) or isinstance(value, dict)
+
+
+def test_the_arguments_that_the_refusal_names_make_it_pass(cfg):
+    """All keys in one go, as --set reads them from a shell."""
+    cfg.GENERATE.SCENES, cfg.GENERATE.GARAGE.CEILING_M, cfg.SENSORS.EGO.LIDAR = 9, [3.0, 3.4], None
+    with pytest.raises(RecordError) as error:
+        check(cfg, made())
+    words = shlex.split(str(error.value).rpartition("(--set ")[2].rpartition(")")[0])
+    assert len(words) == 6
+    keys, values = words[::2], words[1::2]
+    for key, value in zip(keys, values, strict=True):
+        *above, last = key.split(".")[1:]
+        holder = cfg
+        for part in above:
+            holder = holder[part]
+        holder[last] = yaml.safe_load(value)
+    check(cfg, made())
 
 
 def test_a_seed_on_the_command_line_of_create_data_counts(cfg):

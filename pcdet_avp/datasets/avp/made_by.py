@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -16,17 +18,19 @@ SEED = "GENERATE.SEED"
 
 
 def check_made_by(manifest: Manifest, dataset_cfg: Mapping, root: Path) -> None:
-    """RecordError for the first key of SENSORS or GENERATE that the data were made with another value of.
+    """RecordError naming every key of SENSORS and GENERATE that the data were made with another value of.
 
     Recordings that say nothing of a generator, and configurations without these sections, pass. The seed may also be
     the one that tools/create_data.py was told by --seed.
     """
+    differences = []
     for part in PARTS:
         if part in manifest.generator and part in dataset_cfg:
             ours, theirs = complete(dataset_cfg)[part], complete(manifest.generator)[part]
-            for key, found, expected in _differences(theirs, ours, part):
-                if key != SEED or expected != manifest.seed:
-                    raise RecordError(_message(root / MANIFEST_FILE, key, found, expected))
+            differences += _differences(theirs, ours, part)
+    unlike = [(key, found, said) for key, found, said in differences if key != SEED or said != manifest.seed]
+    if unlike:
+        raise RecordError(_message(root / MANIFEST_FILE, unlike))
 
 
 def complete(made_from: Mapping) -> dict:
@@ -35,11 +39,18 @@ def complete(made_from: Mapping) -> dict:
     return {**parts, "GENERATE": completed(parts["GENERATE"])} if parts.get("GENERATE") else parts
 
 
-def _message(file: Path, key: str, found: Any, expected: Any) -> str:
+def _message(file: Path, unlike: list[tuple[str, Any, Any]]) -> str:
+    values = "; ".join(f"DATA_CONFIG.{key} {found!r}, the configuration says {said!r}" for key, found, said in unlike)
+    as_made = " ".join(f"DATA_CONFIG.{key} {_argument(found)}" for key, found, _ in unlike)
     return (
-        f"{file}: these data were made with DATA_CONFIG.{key} {found!r}, the configuration says {expected!r}; make new "
-        f"ones in another folder (--set DATA_CONFIG.DATA_PATH DIR), or say what these are (--set DATA_CONFIG.{key})"
+        f"{file}: these data were made with {values}; make new ones in another folder (--set DATA_CONFIG.DATA_PATH "
+        f"DIR), or say what these are (--set {as_made})"
     )
+
+
+def _argument(value: Any) -> str:
+    """As --set reads it from a shell."""
+    return shlex.quote(json.dumps(value))
 
 
 def _differences(theirs: Any, ours: Any, key: str) -> list[tuple[str, Any, Any]]:
