@@ -11,6 +11,7 @@ from pcdet_avp.config_rules import (
     COUNT,
     COUNT_FROM_0,
     ELEVATION,
+    FACTORS,
     FIELD_OF_VIEW,
     FLAG,
     FROM_0,
@@ -236,6 +237,7 @@ OPTIMIZATION = {
     "NUM_EPOCHS": COUNT,
     "OPTIMIZER": TEXT,
     "LR": POSITIVE,
+    "LR_FACTORS": FACTORS,
     "WEIGHT_DECAY": FROM_0,
     "BETAS": BETWEEN.list_of(2),
     "MOMS": BETWEEN.list_of(2),
@@ -261,6 +263,7 @@ RULES: dict[str, Rule] = {
 }
 # Mappings that are one value.
 LEAVES = {
+    "OPTIMIZATION.LR_FACTORS",
     "MODEL.POST_PROCESSING.SCORE_THRESH",
     "MODEL.POST_PROCESSING.NMS_CONFIG.NMS_THRESH",
 }

@@ -62,6 +62,11 @@ POSITIVE = Rule(lambda value: _is_number(value) and value > 0, "a number above 0
 FROM_0 = Rule(lambda value: _is_number(value) and value >= 0, "0 or a number above it")
 SHARE = Rule(lambda value: _is_number(value) and 0 <= value <= 1, "a number from 0 to 1")
 SHARE_ABOVE_0 = Rule(lambda value: _is_number(value) and 0 < value <= 1, "a number above 0, up to 1")
+FACTORS = Rule(
+    lambda value: isinstance(value, Mapping) and all(_is_number(factor) and factor >= 0 for factor in value.values()),
+    "a mapping from names to 0 or a number above it",
+    optional=True,
+)
 BETWEEN = Rule(lambda value: _is_number(value) and 0 < value < 1, "a number between 0 and 1")
 FROM_1 = Rule(lambda value: _is_number(value) and value >= 1, "1 or a number above it")
 COUNT = Rule(lambda value: _is_whole(value) and value >= 1, "a whole number, 1 or more")

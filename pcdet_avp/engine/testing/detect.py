@@ -47,6 +47,8 @@ def parse_combos(text: str) -> list[str]:
 def existing_combos(dataset: Any, wanted: Sequence[str] | None, asked_by: str, logger: logging.Logger) -> list[str]:
     """Those of ``wanted`` that the data set can show; None or all six: whatever it can, and the log says what not.
 
+    A name that stands there twice stays twice (it is drawn twice as often in training).
+
     SensorError where one that was asked for by name needs sensors that no frame has.
     """
     sources = getattr(dataset, "recorded_sources", SOURCES)
@@ -55,7 +57,7 @@ def existing_combos(dataset: Any, wanted: Sequence[str] | None, asked_by: str, l
         missing = [name for name in SENSOR_SETS if name not in there]
         if missing:
             logger.info(f"recorded are {', '.join(sources)}: sensor combinations {', '.join(there)} only")
-        return there
+        return [name for name in there for _ in range(1 if wanted is None else list(wanted).count(name))]
     for name in wanted:
         if name not in there:
             raise SensorError(

@@ -12,6 +12,7 @@ from pcdet_avp.config import PATH_KEYS, plain
 from pcdet_avp.config_scenes import completed
 from pcdet_avp.engine.checkpoint import load_model
 from pcdet_avp.engine.seed import random_state, restore_random_state, seed_torch
+from pcdet_avp.engine.training.optimizer import load_moments
 from pcdet_avp.engine.training.sampler import BatchPlan
 from pcdet_avp.engine.training.trainer import TRAINING_STREAM, Trainer
 from pcdet_avp.errors import CheckpointError
@@ -59,7 +60,7 @@ def restore_run(trainer: Trainer, content: Mapping[str, Any], path: str) -> None
         raise CheckpointError(f"{path}: has no {missing!r}: weights, but no run to go on with; use --pretrained_model")
     _check_sampler(trainer.plan, content["sampler"], path)
     load_model(trainer.model, content, path)
-    trainer.optimizer.load_state_dict(content["optimizer_state"])
+    load_moments(trainer.optimizer, content["optimizer_state"])
     if trainer.scaler.is_enabled() and content.get("scaler_state"):
         trainer.scaler.load_state_dict(content["scaler_state"])
     trainer.iteration, trainer.elapsed_s = content["it"], content["elapsed_s"]

@@ -1,11 +1,18 @@
 """What the benchmark asks for, and the scores that are good enough to drive with."""
 
+import logging
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from pcdet_avp.engine.testing.detect import DetectionRun, as_scalars, driving_thresholds, parse_combos
+from pcdet_avp.engine.testing.detect import (
+    DetectionRun,
+    as_scalars,
+    driving_thresholds,
+    existing_combos,
+    parse_combos,
+)
 from pcdet_avp.errors import SensorError
 from pcdet_avp.evaluation import Detections, GroundTruth, Region
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
@@ -22,6 +29,19 @@ def test_combinations_come_in_the_papers_order():
 def test_unknown_combinations_are_refused(text, words):
     with pytest.raises(SensorError, match=words):
         parse_combos(text)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "recorded", "drawn"),
+    [
+        (None, ("ego_camera", "infra_camera"), ["C+none", "C+C"]),
+        ([*reversed(SENSOR_SETS), "C+C"], ("ego_camera", "infra_camera"), ["C+none", "C+C", "C+C"]),
+        (["C+C", "C+none", "C+C"], ("ego_camera", "infra_camera"), ["C+C", "C+none", "C+C"]),
+    ],
+)
+def test_a_combination_listed_twice_stays_twice(wanted, recorded, drawn):
+    dataset = SimpleNamespace(recorded_sources=recorded)
+    assert existing_combos(dataset, wanted, "SENSOR_SETS", logging.getLogger("silent")) == drawn
 
 
 def _detections(scores, offsets):

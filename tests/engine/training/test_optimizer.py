@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from pcdet_avp.engine.training.optimizer import build_optimizer, set_point
+from pcdet_avp.engine.training.optimizer import build_optimizer, load_moments, set_point
 from pcdet_avp.errors import ConfigError
 
 
@@ -44,3 +44,45 @@ def test_a_parameter_without_gradient_stays_as_it_is(toy):
 def test_an_unknown_optimizer_is_named_with_the_known(toy):
     with pytest.raises(ConfigError, match="'sgd'; known: adam_onecycle"):
         build_optimizer(toy.ToyNetwork(), toy.OPTIMIZATION | {"OPTIMIZER": "sgd"})
+
+
+def test_factors_slow_the_longest_prefix_down_and_nought_freezes(toy):
+    model = toy.ToyNetwork()
+    optimizer = build_optimizer(
+        model, toy.OPTIMIZATION | {"LR_FACTORS": {"camera": 0.3, "camera.bias": 0, "lidar": 0.3}}
+    )
+    set_point(optimizer, 0.01, 0.85)
+    rates = {id(p): group["lr"] for group in optimizer.param_groups for p in group["params"]}
+    expected = {"camera.weight": 0.003, "lidar.weight": 0.003, "lidar.bias": 0.003, "scale": 0.01}
+    assert {n: pytest.approx(rates[id(p)]) for n, p in model.named_parameters() if id(p) in rates} == expected
+    assert [name for name, p in model.named_parameters() if not p.requires_grad] == ["camera.bias"]
+
+
+def test_a_frozen_part_stays_and_the_rest_learns(toy):
+    trainer = toy.make_trainer(LR_FACTORS={"camera": 0})
+    before = {name: p.detach().clone() for name, p in trainer.model.named_parameters()}
+    trainer.step({"points": torch.ones(2, 4), "source_present": torch.ones(2, 2)})
+    moved = [name for name, p in trainer.model.named_parameters() if not torch.equal(p, before[name])]
+    assert moved == ["scale", "lidar.weight", "lidar.bias"]
+
+
+def test_moments_of_a_checkpoint_without_factors_are_taken_up(toy):
+    optimizer = build_optimizer(toy.ToyNetwork(), toy.OPTIMIZATION)
+    state = optimizer.state_dict()
+    del state["param_groups"][0]["factor"]
+    load_moments(optimizer, state)
+    set_point(optimizer, 0.5, 0.9)
+    assert optimizer.param_groups[0]["lr"] == 0.5
+
+
+@pytest.mark.parametrize(
+    ("factors", "message"),
+    [
+        ({"cammera": 0.3}, "no parameter is within 'cammera'; there are camera.bias"),
+        ({"came": 0.3}, "no parameter is within 'came'"),
+        ({"camera": 0, "lidar": 0, "scale": 0}, "nothing is left to train"),
+    ],
+)
+def test_factors_that_fit_nothing_or_freeze_all_are_refused(toy, factors, message):
+    with pytest.raises(ConfigError, match=message):
+        build_optimizer(toy.ToyNetwork(), toy.OPTIMIZATION | {"LR_FACTORS": factors})
