@@ -18,16 +18,15 @@ from pcdet_avp.models.compression import Latent
 from pcdet_avp.structures.pose import Pose
 from pcdet_avp.structures.sensor_set import SensorSet, modality_of
 
-ROADSIDE = SensorSet(False, False, True, True)
-
 
 @dataclass(frozen=True, eq=False)
 class FrameResult:
-    """What came of a frame. ``found`` by (combination, label); ``roadside``: what the roadside alone found, in its own
-    frame; ``sent`` by label and source; ``blocks`` by MCS and source: transport blocks of a map as trained."""
+    """What came of a frame. ``found`` by (combination, label); ``roadside`` by combination: what the roadside alone
+    found with its sensors of that combination, in its own frame; ``sent`` by label and source; ``blocks`` by MCS and
+    source: transport blocks of a map as trained."""
 
     found: dict[tuple[str, str], Boxes] = field(default_factory=dict)
-    roadside: Boxes | None = None
+    roadside: dict[str, Boxes] = field(default_factory=dict)
     sent: dict[str, dict[str, Sent]] = field(default_factory=dict)
     blocks: dict[int, dict[str, int]] = field(default_factory=dict)
 
@@ -60,7 +59,8 @@ class FrameRunner:
                 for combo, sensor_set in self.sensor_sets.items()
             }
             sent = {p.label: frame.received(p.transmission)[1] for p in self.points if p.transmission is not None}
-            return FrameResult(found, frame.roadside_list(), sent, frame.blocks(self.as_trained))
+            lists = {combo: frame.roadside_list(sensors) for combo, sensors in self.sensor_sets.items()}
+            return FrameResult(found, lists, sent, frame.blocks(self.as_trained))
 
 
 class _Frame:
@@ -78,7 +78,7 @@ class _Frame:
     def detect(self, point: StudyPoint, sensors: SensorSet) -> Boxes:
         """What the vehicle finds at a point of a study."""
         if point.objects:
-            roadside = self.from_message() if point.coded else self.roadside()
+            roadside = self.from_message(sensors) if point.coded else self.roadside(sensors)
             return merge(self.alone(sensors), roadside, self.post_processing)
         if point.transmission is None:
             return self.alone(sensors)
@@ -97,18 +97,19 @@ class _Frame:
     def ego_from_infra(self) -> Pose:
         return Pose(self.batch["ego_from_infra"][0].double().cpu().numpy())
 
-    def roadside(self) -> Boxes:
-        """What the roadside's maps, as trained, alone show, in the vehicle's frame."""
-        found = self.fused(ROADSIDE, self.received(self.runner.as_trained)[0], self.batch["ego_from_infra"])
+    def roadside(self, sensors: SensorSet) -> Boxes:
+        """What the maps, as trained, of the combination's roadside sensors alone show, in the vehicle's frame."""
+        roadside = SensorSet(False, False, sensors.infra_camera, sensors.infra_lidar)
+        found = self.fused(roadside, self.received(self.runner.as_trained)[0], self.batch["ego_from_infra"])
         return in_roadside_range(found, self.ego_from_infra.matrix, self.model.warp.grid)
 
-    def roadside_list(self) -> Boxes:
+    def roadside_list(self, sensors: SensorSet) -> Boxes:
         """The same in the roadside's own frame, which is the message's."""
-        return moved(self.roadside(), self.ego_from_infra.inverse())
+        return moved(self.roadside(sensors), self.ego_from_infra.inverse())
 
-    def from_message(self) -> Boxes:
+    def from_message(self, sensors: SensorSet) -> Boxes:
         """What the vehicle, in its frame, reads out of the roadside's message."""
-        names, roadside = self.runner.class_names, self.roadside_list()
+        names, roadside = self.runner.class_names, self.roadside_list(sensors)
         got = from_objects(to_objects(roadside, names), names)
         return moved(got, self.ego_from_infra).like(self.batch["ego_from_infra"])
 

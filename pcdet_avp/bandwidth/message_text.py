@@ -36,7 +36,8 @@ def _sizes(message: Mapping) -> str:
         f"{message['beyond_range']} boxes of all frames lie beyond the coded ranges and cannot be placed by a receiver."
     )
     lines = [
-        f"A frame's message with every box, {how}. Our boxes have no velocity; its field is coded unavailable.",
+        f"A frame's message of {message['combo']}'s roadside with every box, {how}.",
+        "Our boxes have no velocity; its field is coded unavailable.",
         left,
     ]
     return "\n".join([*lines, "", *markdown_table(header, body)])

@@ -14,6 +14,7 @@ from pcdet_avp.evaluation.average_precision import STRICT_IOU
 from pcdet_avp.link.cpm import CLASS_NAMES, CLASSES, VELOCITY_UNAVAILABLE, dequantise, quantise
 from pcdet_avp.link.cpm_asn1 import CpmCodec
 from pcdet_avp.link.cpm_bytes import message_bytes
+from pcdet_avp.structures.sensor_set import SensorSet
 
 CARS = range(1, 65)
 
@@ -23,13 +24,20 @@ def message_rows(
 ) -> dict:
     """Bytes of the roadside's messages: with every box that the network gives out, and with those to drive with.
 
+    Of the combination with the most sensors, the longest ones.
     Empty where a class has no code in the message. With a ``codec`` every message is encoded and decoded, and its
     bytes are counted; raises PacketError where something else comes out than went in.
     """
     if any(name not in CLASSES for name in class_names):
         return {}
-    lists = [result.roadside for result in study.results]
-    rows = {"encoded": codec is not None, "all_boxes": _sizes(lists, class_names, codec), "cars": car_rows(codec)}
+    combo = max(study.options.combos, key=lambda name: len(SensorSet.parse(name).sources))
+    lists = [result.roadside[combo] for result in study.results]
+    rows = {
+        "combo": combo,
+        "encoded": codec is not None,
+        "all_boxes": _sizes(lists, class_names, codec),
+        "cars": car_rows(codec),
+    }
     rows["beyond_range"] = sum(int((~dequantise(to_objects(b, class_names)).placed).sum()) for b in lists)
     if min_scores:
         kept = [boxes.select(_to_drive_with(boxes, class_names, min_scores)) for boxes in lists]

@@ -22,11 +22,12 @@ class Parts:
     """A folder with a file per frame; ``combos`` and ``labels`` give the order of the detections in a file."""
 
     def __init__(self, folder: Path, combos: Sequence[str], labels: Sequence[str]) -> None:
-        self.folder, self.keys = folder, [(combo, label) for combo in combos for label in labels]
+        self.folder, self.combos = folder, list(combos)
+        self.keys = [(combo, label) for combo in combos for label in labels]
 
     def save(self, frame_id: str, result: FrameResult) -> None:
         """Write a frame's result aside and move it into place."""
-        lists = [*(result.found[key] for key in self.keys), result.roadside]
+        lists = [*(result.found[key] for key in self.keys), *(result.roadside[combo] for combo in self.combos)]
         buffer = io.BytesIO()
         rows, counts = np.concatenate([_rows(boxes) for boxes in lists]), [len(boxes.scores) for boxes in lists]
         np.savez_compressed(buffer, rows=rows, counts=counts, sent=json.dumps(_plain(result)))
@@ -39,13 +40,15 @@ class Parts:
                 rows, counts, sent = content["rows"], content["counts"], json.loads(str(content["sent"]))
         except (OSError, ValueError, KeyError, zipfile.BadZipFile):
             return None
-        *lists, roadside = (_boxes(part) for part in np.split(rows, np.cumsum(counts)[:-1]))
+        lists = [_boxes(part) for part in np.split(rows, np.cumsum(counts)[:-1])]
+        found = dict(zip(self.keys, lists, strict=False))
+        roadside = dict(zip(self.combos, lists[len(self.keys) :], strict=True))
         by_label = {
             label: {source: Sent(**numbers) for source, numbers in of_label.items()}
             for label, of_label in sent["sent"].items()
         }
         blocks = {int(mcs): of_mcs for mcs, of_mcs in sent["blocks"].items()}
-        return FrameResult(dict(zip(self.keys, lists, strict=True)), roadside, by_label, blocks)
+        return FrameResult(found, roadside, by_label, blocks)
 
     def _file(self, frame_id: str) -> Path:
         return self.folder / f"{frame_id.replace('/', '_')}.npz"

@@ -169,10 +169,10 @@ def _notes(content: Mapping) -> str:
 - Block loss: each frame stands alone. The vehicle uses what arrived of this frame's maps and has no older ones; one
   random number decides about a block at every loss, so that what is lost at 5 % is lost at 20 %, too.
 - Pose error: normal, of the vehicle's own pose (both axes, heading), the same directions at every size.
-- Boxes: what the same network finds from the roadside's maps alone, in the vehicle's frame and within the roadside's
-  range, merged with the vehicle's own by the network's suppression within each class. The network was trained with at
-  least one of the vehicle's sensors; a detector trained for the roadside may do better. All boxes are sent, since AP
-  judges a ranking; their message is longer than one to drive with. "boxes (late fusion)" merges what comes out of
-  the message, "boxes, not quantised" what would have gone in.
+- Boxes: what the same network finds from the maps of the combination's roadside sensors alone, in the vehicle's frame
+  and within the roadside's range, merged with the vehicle's own by the network's suppression within each class. The
+  network was trained with at least one of the vehicle's sensors; a detector trained for the roadside may do better.
+  All boxes are sent, since AP judges a ranking; their message is longer than one to drive with. "boxes (late fusion)"
+  merges what comes out of the message, "boxes, not quantised" what would have gone in.
 - Delay: the frames of a data set are too far apart for it; `benchmarks/delay.py` renders the roadside earlier, and the
   closed loop drives with it."""

@@ -141,7 +141,7 @@ def held_against(points: Sequence[StudyPoint], point: StudyPoint) -> str | None:
 def _bytes_per_frame(study: Study, class_names: Sequence[str], combo: str, point: StudyPoint) -> float | None:
     """Mean over the frames, all modalities that the combination uses together; None where nothing is coded."""
     if point.objects:
-        sizes = [size_of(to_objects(result.roadside, class_names), True) for result in study.results]
+        sizes = [size_of(to_objects(result.roadside[combo], class_names), True) for result in study.results]
         return float(np.mean(sizes)) if point.coded else None
     used = SensorSet.parse(combo).sources
     of_label = [result.sent.get(point.label, {}) for result in study.results]

@@ -68,19 +68,19 @@ def test_an_erring_vehicle_sees_what_the_network_makes_of_the_wrong_pose(network
     assert not same(found, result.found["CL+CL", "float16, as trained"])
 
 
-def test_late_fusion_merges_the_roadsides_list_and_the_vehicles(network, batch_of, result):
-    """Against the network itself, run with the roadside's maps alone."""
-    combo = "CL+CL"
+@pytest.mark.parametrize(("combo", "present"), [("CL+CL", [0, 0, 1, 1]), ("C+C", [0, 0, 1, 0])])
+def test_late_fusion_merges_the_roadsides_list_and_the_vehicles(network, batch_of, result, combo, present):
+    """Against the network itself, run with the maps of the combination's roadside sensors alone."""
     pose = Pose(batch_of(0, combo)["ego_from_infra"][0].double().numpy())
     batch = batch_of(0, combo)
-    batch["source_present"] = batch["source_present"].new_tensor([[0, 0, 1, 1]])
+    batch["source_present"] = batch["source_present"].new_tensor([present])
     roadside = in_roadside_range(direct(network, batch), pose.matrix, network.warp.grid)
     assert len(roadside.scores) > 5
     alone = result.found[combo, "vehicle alone"]
     assert same(result.found[combo, "boxes, not quantised"], merge(alone, roadside, network.post_processing))
     sent = transform_boxes(pose.inverse(), roadside.boxes.double().numpy())
-    np.testing.assert_allclose(result.roadside.boxes, sent, atol=1e-4)
-    assert torch.equal(result.roadside.scores, roadside.scores)
+    np.testing.assert_allclose(result.roadside[combo].boxes, sent, atol=1e-4)
+    assert torch.equal(result.roadside[combo].scores, roadside.scores)
 
 
 def test_the_message_moves_late_fusions_boxes_by_steps_alone(network, result, points):

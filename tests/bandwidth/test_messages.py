@@ -15,10 +15,12 @@ CLASSES = ("Car", "Pedestrian")
 
 @pytest.fixture(scope="module")
 def study(boxes_of):
-    """Two frames: ten cars, of which three score 0.5; then two cars, one of them 2 km away, and a pedestrian."""
+    """Two frames of both sensors: ten cars, three of them score 0.5; then two cars, one 2 km away, a pedestrian."""
     first = boxes_of(*((k, 0, 0.5 if k < 3 else 0.2, 1) for k in range(10)))
     second = boxes_of((5, 0, 0.9, 1), (2000, 0, 0.9, 1), (7, 0, 0.3, 2))
-    return SimpleNamespace(results=[SimpleNamespace(roadside=first), SimpleNamespace(roadside=second)])
+    of_camera = boxes_of((5, 0, 0.9, 1))
+    results = [SimpleNamespace(roadside={"CL+CL": boxes, "C+C": of_camera}) for boxes in (first, second)]
+    return SimpleNamespace(options=SimpleNamespace(combos=("C+C", "CL+CL")), results=results)
 
 
 def test_bytes_of_two_frames_by_hand(study):

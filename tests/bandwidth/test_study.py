@@ -66,13 +66,13 @@ def test_a_frame_on_disk_is_the_frame_and_a_torn_one_is_none(tmp_path, boxes_of)
     found = {("C+CL", "a"): boxes_of((10, 0, 0.6, 1), (20, 1 / 3, 0.1, 2)), ("C+CL", "b"): boxes_of()}
     sent = {"a": {"infra_lidar": Sent(1000, 2, 0.125)}}
     assert parts.load("0000/001") is None
-    parts.save("0000/001", FrameResult(found, boxes_of((5, 5, 0.5, 1)), sent, {7: {"infra_lidar": 3}}))
+    parts.save("0000/001", FrameResult(found, {"C+CL": boxes_of((5, 5, 0.5, 1))}, sent, {7: {"infra_lidar": 3}}))
     loaded = parts.load("0000/001")
     assert loaded.sent == sent
     assert loaded.blocks == {7: {"infra_lidar": 3}}
     for key, boxes in found.items():
         assert all(torch.equal(a, b) for a, b in zip(boxes, loaded.found[key], strict=True))
-    assert loaded.roadside.scores.tolist() == [0.5]
+    assert loaded.roadside["C+CL"].scores.tolist() == [0.5]
     (file,) = (tmp_path / "frames").iterdir()
     file.write_bytes(file.read_bytes()[:-40])
     assert parts.load("0000/001") is None
