@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
 from pcdet_avp.closed_loop.export.record import EpisodeRecord, episode_record
 from pcdet_avp.closed_loop.perception.factory import find_perception
@@ -23,6 +25,11 @@ class DrivenCase:
     record: EpisodeRecord
     recording: Recording
     rig: Rig
+
+    def frames(self) -> np.ndarray:
+        """(T, 3) x, y (m), yaw (rad) of the ego frame, in which clouds and detections are made; of a car that drives
+        backwards it faces where the tail points."""
+        return self.recording.ego_poses()
 
 
 class CaseDriver:

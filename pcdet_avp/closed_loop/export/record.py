@@ -114,6 +114,18 @@ class EpisodeRecord:
         awake = [tick for tick, seen in enumerate(self.found) if seen is not None]
         return max(awake[0] - round(LEAD_IN_S / self.tick_s), 0) if awake else 0
 
+    def facts(self) -> dict[str, str]:
+        """What was driven and how it ended, as texts."""
+        case, figures = self.case._asdict(), self.log.figures
+        names = ("outcome", "crashed", "finished", "crash_time_s", "impact_speed_mps", "min_distance_m")
+        values = {
+            **case,
+            "seed": self.seed,
+            **{name: getattr(figures, name) for name in names},
+            "ending": self.ending(),
+        }
+        return {name: str(value) for name, value in values.items()}
+
     def ending(self) -> str:
         """How the drive ended, in a few words."""
         figures = self.log.figures

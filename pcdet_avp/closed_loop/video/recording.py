@@ -88,13 +88,14 @@ def camera_views(world: World, rig: Rig, key: Sequence[int], widest_px: int) -> 
     smaller. ``key`` fixes their noise."""
     views = []
     for agent, sensors, pose, tracer, _, _ in rig.placed_in(world)[:2]:
-        camera = _at_most(sensors.camera, widest_px)
+        camera = at_most(sensors.camera, widest_px)
         image = render(tracer(), camera, pose, world.lighting, sensor_rng(key, f"{agent}_camera")).image
         views.append(AgentView(pose, camera, image))
     return tuple(views)
 
 
-def _at_most(camera: PinholeCamera, width: int) -> PinholeCamera:
+def at_most(camera: PinholeCamera, width: int) -> PinholeCamera:
+    """The camera, or one of this width (pixels) and the same field of view where it is wider."""
     if camera.width <= width:
         return camera
     return camera.scaled(width, round(camera.height * width / camera.width))
