@@ -57,10 +57,10 @@ def parse_arguments() -> argparse.Namespace:
 
 def main() -> None:
     args = parse_arguments()
-    formats = [FORMATS[name] for name in dict.fromkeys(args.formats)]
+    formats, belongs_to = [FORMATS[name] for name in dict.fromkeys(args.formats)], as_sweep(args)
     for each in formats:
-        each.check()
-    sweep = sweep_of(as_sweep(args), Path("cfgs", "closed_loop.yaml"))
+        each.check(belongs_to.scenario)
+    sweep = sweep_of(belongs_to, Path("cfgs", "closed_loop.yaml"))
     combo = args.combo if find_perception(sweep.perception).uses_sensors else ANY_COMBO
     case = Case(sweep.scenario, sweep.perception, combo, args.speed, args.trial)
     driver, alone = CaseDriver(sweep), vehicle_alone(case) if "html" in args.formats else None

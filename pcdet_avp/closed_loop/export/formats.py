@@ -10,6 +10,7 @@ from pathlib import Path
 
 from pcdet_avp.closed_loop.export.drive import DrivenCase
 from pcdet_avp.errors import ConfigError
+from pcdet_avp.sim.scenarios.table import ON_PLAN
 
 
 @dataclass(frozen=True)
@@ -39,13 +40,18 @@ class EpisodeFormat:
     module: str
     needs: dict[str, str]
     extra: str = "episodes"
+    on_plans: bool = True  # False: the map of a garage from a file is not written in this format yet
 
-    def check(self) -> None:
-        """ConfigError where a package is missing."""
+    def check(self, scenario: str) -> None:
+        """ConfigError where a package is missing, or the scenario plays on a plan that the format cannot hold."""
         missing = [package for module, package in self.needs.items() if find_spec(module) is None]
         if missing:
             install = f'pip install "pcdet_avp[{self.extra}]"'
             raise ConfigError(f"--formats {self.name}: needs {missing[0]}, which is not installed: {install}")
+        if ON_PLAN in scenario and not self.on_plans:
+            raise ConfigError(
+                f"--formats {self.name}: holds the drawn garages' map alone, not a plan's; found {scenario}"
+            )
 
     def write(self, drives: Sequence[DrivenCase], stem: Path, settings: ExportSettings) -> list[Path]:
         """Write the files; their paths."""
@@ -56,7 +62,7 @@ _FORMATS = (
     EpisodeFormat("html", "page", {}),
     EpisodeFormat("mcap", "mcap_file", {"foxglove": "foxglove-sdk"}),
     EpisodeFormat("rrd", "rerun_file", {"rerun": "rerun-sdk"}),
-    EpisodeFormat("xosc", "open_scenario", {"scenariogeneration": "scenariogeneration"}),
-    EpisodeFormat("commonroad", "common_road", {"commonroad": "commonroad-io"}, extra="commonroad"),
+    EpisodeFormat("xosc", "open_scenario", {"scenariogeneration": "scenariogeneration"}, on_plans=False),
+    EpisodeFormat("commonroad", "common_road", {"commonroad": "commonroad-io"}, extra="commonroad", on_plans=False),
 )
 FORMATS = {each.name: each for each in _FORMATS}
