@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from types import ModuleType
 
 from pcdet_avp.closed_loop.export.drive import DrivenCase
 from pcdet_avp.errors import ConfigError
@@ -44,10 +45,15 @@ class EpisodeFormat:
 
     def check(self, scenario: str) -> None:
         """ConfigError where a package is missing, or the scenario plays on a plan that the format cannot hold."""
+        install = f'pip install "pcdet_avp[{self.extra}]"'
         missing = [package for module, package in self.needs.items() if find_spec(module) is None]
         if missing:
-            install = f'pip install "pcdet_avp[{self.extra}]"'
             raise ConfigError(f"--formats {self.name}: needs {missing[0]}, which is not installed: {install}")
+        try:
+            self._writer()
+        except (ImportError, TypeError) as error:  # TypeError: generated code that the installed protobuf refuses
+            why = str(error).partition("\n")[0]
+            raise ConfigError(f"--formats {self.name}: {self.extra} cannot be imported ({why}): {install}") from error
         if ON_PLAN in scenario and not self.on_plans:
             raise ConfigError(
                 f"--formats {self.name}: holds the drawn garages' map alone, not a plan's; found {scenario}"
@@ -55,7 +61,10 @@ class EpisodeFormat:
 
     def write(self, drives: Sequence[DrivenCase], stem: Path, settings: ExportSettings) -> list[Path]:
         """Write the files; their paths."""
-        return import_module(f"pcdet_avp.closed_loop.export.{self.module}").write(drives, stem, settings)
+        return self._writer().write(drives, stem, settings)
+
+    def _writer(self) -> ModuleType:
+        return import_module(f"pcdet_avp.closed_loop.export.{self.module}")
 
 
 _FORMATS = (

@@ -15,12 +15,12 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from scenariogeneration import xodr
 
+from pcdet_avp.closed_loop.export.lanelets import JUNCTION_HALF_M
 from pcdet_avp.closed_loop.export.xml_file import DATE, write_xml
 from pcdet_avp.sim.garage import LANE_WIDTH_M, GarageLayout
 from pcdet_avp.structures.boxes import bev_corners
 
 WEST, EAST, SIDE, JUNCTION = 1, 2, 3, 100
-JUNCTION_HALF_M = 5.0  # from its middle to where the roads begin: the widest turns of the garage fit in
 INTO_JUNCTION = {WEST: -1, EAST: 1, SIDE: 1}  # lanes that lead there; the others lead away
 SLOW_MPS = 30 / 3.6  # what a garage allows at most
 

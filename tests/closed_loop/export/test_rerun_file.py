@@ -9,6 +9,7 @@ from pcdet_avp.closed_loop.export.sensors import looks, sensor_ticks
 
 pytest.importorskip("rerun", reason="needs rerun-sdk: pip install pcdet_avp[episodes]")
 chunk = pytest.importorskip("rerun.chunk", reason="needs rerun-sdk 0.41 or newer to read")
+pytestmark = pytest.mark.slow
 SETTINGS = ExportSettings(every=90, widest_px=96)
 
 
