@@ -10,6 +10,7 @@ setup(
     package_dir={"pcdet_avp._data.cfgs": "cfgs", "pcdet_avp._data.weights": "weights"},
     package_data={
         "pcdet_avp": ["py.typed"],
+        "pcdet_avp.closed_loop.export": ["page/episode.html", "page/episode.css", "page/episode.js"],
         "pcdet_avp.evaluation": ["paper_tables.json"],
         "pcdet_avp.sim.plans": ["plan.schema.json"],
         "pcdet_avp.visualization.page": ["page.html", "page.css"],

@@ -114,7 +114,17 @@ PIPELINES = {
         *("sensors", "settings", "spots", "candidates", "visibility", "choice", "front"),
         *("line_of_sight", "safe_speed", "study", "drawing", "figures", "pictures", "report"),
     ],
-    "pcdet_avp.closed_loop": ["policy", "perception", "driver", "encounters", "episode", "sweep", "report", "video"],
+    "pcdet_avp.closed_loop": [
+        "policy",
+        "perception",
+        "driver",
+        "encounters",
+        "episode",
+        "sweep",
+        "report",
+        "video",
+        "export",
+    ],
     "pcdet_avp.models": ["backbones_image", "backbones_2d", "encoders", "detectors"],
     "pcdet_avp.engine": ["distributed", "testing", "training"],
 }

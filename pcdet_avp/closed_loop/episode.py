@@ -29,7 +29,11 @@ def run_episode(
     scenario: Scenario, perceiver: Perceiver, sensor_set: SensorSet, settings: EpisodeSettings | None = None
 ) -> EpisodeLog:
     """Drive by the policy until a crash, until every threat is passed, or until the time limit."""
-    episode = Episode(scenario, perceiver, sensor_set, settings)
+    return driven(Episode(scenario, perceiver, sensor_set, settings))
+
+
+def driven(episode: Episode) -> EpisodeLog:
+    """Drive an episode by the policy from where it stands to its end."""
     while not episode.over:
         _, target = episode.look()
         episode.move(target)

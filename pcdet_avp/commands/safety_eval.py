@@ -22,10 +22,11 @@ from pcdet_avp.closed_loop.certify.arguments import (
 from pcdet_avp.closed_loop.certify.certificate import CERTIFICATE, certificate, page, write_certificate
 from pcdet_avp.closed_loop.certify.climb import counted
 from pcdet_avp.closed_loop.certify.run import run_certification
-from pcdet_avp.closed_loop.perception.factory import PERCEPTIONS
+from pcdet_avp.closed_loop.export.sweep_page import write_sweep_page
+from pcdet_avp.closed_loop.perception.factory import PERCEPTIONS, find_perception
 from pcdet_avp.closed_loop.perception.faults import FAULTS, MARK
 from pcdet_avp.closed_loop.perception.link_options import add_link_arguments
-from pcdet_avp.closed_loop.report.report import write_report
+from pcdet_avp.closed_loop.report.report import PAGES, write_report
 from pcdet_avp.closed_loop.sweep.arguments import sweep_meta, sweep_of
 from pcdet_avp.closed_loop.sweep.summary import crash_text, summary, write_results
 from pcdet_avp.closed_loop.sweep.sweep import Sweep, run_sweep
@@ -99,7 +100,14 @@ def fill_tables(args: argparse.Namespace, sweep: Sweep, started: float) -> None:
     rows = [finished[case][0] for case in sorted(finished) if case.scenario == sweep.scenario]
     print(f"\ncrashes of trials by cruising speed, {sweep.scenario}\n")
     print(crash_text(summary(rows)["cells"], sorted(sweep.speeds)))
+    pages = (
+        write_sweep_page(sweep, finished, out / PAGES)
+        if args.video or not find_perception(sweep.perception).uses_network
+        else []
+    )
     print(f"\nwrote {write_report(out)}")
+    for file in pages:
+        print(f"wrote {file}")
     for file in write_sweep_videos(sweep, finished, out / "videos") if args.video else ():
         print(f"wrote {file}")
 

@@ -1,14 +1,8 @@
 """The page in headless Chromium: pictures load, videos play, nothing is requested, nothing overflows."""
 
-import shutil
-
 import pytest
+from chromium import running_chromium
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-FLAGS = [
-    *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
-    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
-]
 SCREENS = {"phone": (390, 844), "desktop": (1280, 900)}
 
 pytestmark = pytest.mark.slow
@@ -16,14 +10,8 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def browser():
-    api = pytest.importorskip("playwright.sync_api", reason="needs playwright: pip install pcdet_avp[browser]")
-    chromium = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if chromium is None:
-        pytest.skip(f"needs a Chromium on the path: one of {', '.join(BROWSERS)}")
-    with api.sync_playwright() as playwright:
-        running = playwright.chromium.launch(executable_path=chromium, args=FLAGS, timeout=120_000)
+    with running_chromium() as running:
         yield running
-        running.close()
 
 
 @pytest.fixture(scope="module", params=[(s, c) for s in SCREENS for c in ("light", "dark")], ids="-".join)

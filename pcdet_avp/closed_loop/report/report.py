@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from urllib.parse import quote
 
 from matplotlib.figure import Figure
 
@@ -23,9 +24,9 @@ from pcdet_avp.closed_loop.report.side_columns import side_columns
 from pcdet_avp.closed_loop.sweep.crash_statistics import SAFE_RATE
 from pcdet_avp.closed_loop.sweep.results import Results, read_results
 from pcdet_avp.files import write_text
-from pcdet_avp.sim.scenarios.table import SCENARIOS
+from pcdet_avp.sim.scenarios.table import ON_PLAN, SCENARIOS
 
-REPORT, FIGURES = "report.md", "figures"
+REPORT, FIGURES, PAGES = "report.md", "figures", "episodes"
 CRASHES = "a pedestrian met by the front, any contact with a vehicle"  # as ``Encounters`` counts them
 OWN_PERCEPTION = "a perception that is not part of pcdet_avp"
 
@@ -36,6 +37,7 @@ def write_report(folder: Path) -> Path:
     lines = [f"# How fast may the car drive? {_perceptions(results)}", "", *_provenance(results), ""]
     for scenario, perception in shown_groups(results):
         lines += [*_section(results, scenario, perception, folder / FIGURES), ""]
+        lines += _episode_pages(folder, scenario, perception)
     lines += _law_section(folder / FIGURES)
     write_text(folder / REPORT, "\n".join(lines).rstrip() + "\n")
     return folder / REPORT
@@ -106,6 +108,19 @@ def _section(results: Results, scenario: str, perception: str, figures: Path) ->
         far = detection_figure(results, scenario, perception, f"{head}: first detection")
         lines += ["", *_picture(figures / f"detection_{stem}.png", far, f"{head}: distance of the first detection")]
     return lines
+
+
+def _episode_pages(folder: Path, scenario: str, perception: str) -> list[str]:
+    """Links to the pages of single episodes that lie in the folder."""
+    files = sorted((folder / PAGES).glob(f"{page_stem(scenario, perception)}_*.html"))
+    links = [f"- [{file.stem}]({PAGES}/{quote(file.name)})" for file in files]
+    return ["Episodes to scrub, tick by tick:", "", *links, ""] if links else []
+
+
+def page_stem(scenario: str, perception: str) -> str:
+    """How the name of an episode's file begins; a plan counts by its name."""
+    short, _, plan = scenario.partition(ON_PLAN)
+    return (f"{short}_{Path(plan).stem}_{perception}" if plan else f"{short}_{perception}").replace(":", "_")
 
 
 def _crash_part(results: Results, scenario: str, perception: str, head: str) -> list[str]:

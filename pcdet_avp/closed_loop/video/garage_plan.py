@@ -29,9 +29,9 @@ def garage_plan(layout: GarageLayout, parked: np.ndarray, px_per_m: float) -> Be
         far_y + MARGIN_M / 2,
         px_per_m,
     )
-    for rectangle in _floors(layout):
+    for rectangle in floor_rectangles(layout):
         canvas.fill(_corners(*rectangle), ASPHALT)
-    for rectangle in _markings(layout):
+    for rectangle in marking_rectangles(layout):
         canvas.fill(_corners(*rectangle), PAINT)
     for corners in bev_corners(layout.solid_boxes()):
         canvas.fill(corners, CONCRETE)
@@ -41,7 +41,7 @@ def garage_plan(layout: GarageLayout, parked: np.ndarray, px_per_m: float) -> Be
     return canvas
 
 
-def _floors(layout: GarageLayout) -> list[tuple[float, float, float, float]]:
+def floor_rectangles(layout: GarageLayout) -> list[tuple[float, float, float, float]]:
     """x_min, y_min, x_max, y_max of the main road with its slots, and of the side road."""
     far_y = LANE_WIDTH_M + SLOT_DEPTH_M
     near_x = layout.junction_x - LANE_WIDTH_M
@@ -51,7 +51,7 @@ def _floors(layout: GarageLayout) -> list[tuple[float, float, float, float]]:
     ]
 
 
-def _markings(layout: GarageLayout) -> list[tuple[float, float, float, float]]:
+def marking_rectangles(layout: GarageLayout) -> list[tuple[float, float, float, float]]:
     """Dashes between the lanes of both roads, and the lines between slots."""
     half = PAINT_M / 2
     along = np.arange(layout.road_start_x + 1.0, layout.road_end_x - DASH_M, DASH_EVERY_M)

@@ -24,7 +24,7 @@ from pcdet_avp.closed_loop.video.episode_picture import (
     Moment,
 )
 from pcdet_avp.closed_loop.video.garage_plan import garage_plan
-from pcdet_avp.closed_loop.video.recording import Recording, camera_views, record_episode
+from pcdet_avp.closed_loop.video.recording import Recording, camera_views, record_episode, targets_alone
 from pcdet_avp.sim.actors import box_at, stands
 from pcdet_avp.sim.rig import Rig
 from pcdet_avp.sim.scenarios.scenario import Scenario
@@ -149,15 +149,7 @@ class EpisodeVideo:
         return TimeStrip(*STRIP_PX, log.times[part], curves, top, "speed (m/s)")
 
     def _targets_alone(self, settings: EpisodeSettings) -> np.ndarray:
-        """(T,) the target speed that the vehicle's own detections would ask for at the same places."""
-        scenario, log = self._recording.scenario, self._recording.log
-        driver = Driver.for_episode(scenario, settings)
-        targets = [scenario.cruising_mps] * settings.lag_ticks
-        for way, seen in zip(log.positions, self._recording.alone, strict=True):
-            x, y, yaw = scenario.ego_pose(float(way))
-            pose = Pose.from_xyz_yaw(x, y, yaw=yaw)
-            targets.append(scenario.cruising_mps if seen is None else driver.decide(seen.boxes, seen.names, pose))
-        return np.array(targets[: len(log.times)])
+        return targets_alone(self._recording, settings)
 
 
 def _still_ticks(ticks: range, log: EpisodeLog) -> list[int]:

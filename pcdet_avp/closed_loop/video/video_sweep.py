@@ -25,7 +25,7 @@ def write_sweep_videos(sweep: Sweep, finished: Finished, folder: Path) -> list[P
         file = folder / f"{case.scenario}_{case.perception}_{case.combo}_{case.speed:g}_{case.trial}.mp4"
         if not all(any(folder.glob(f"{file.stem}_{name}.*")) for name in ("poster", "stills")):
             what = case_scenario(sweep.job(case)), perceiver, case_sensors(case), sweep.perceiver["data_cfg"]
-            write_episode_video(*what, file, _title(sweep, case), settings)
+            write_episode_video(*what, file, case_title(sweep, case), settings)
         files.append(file)
     return files
 
@@ -43,7 +43,7 @@ def telling_cases(rows: Iterable[EpisodeRow]) -> list[Case]:
     return [case for _, case in best.values()]
 
 
-def _title(sweep: Sweep, case: Case) -> str:
+def case_title(sweep: Sweep, case: Case) -> str:
     """Says which perception drives, and for ``model`` which network."""
     cfg_file = sweep.perceiver.get("cfg_file")
     who = f"{case.perception} ({Path(cfg_file).stem})" if cfg_file else case.perception

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pcdet_avp.sim.meshes.car_spec import BODY_SHAPES, CarSpec
+from pcdet_avp.sim.meshes.car_spec import BODY_SHAPES, CarSpec, axles_x
 from pcdet_avp.sim.meshes.loft import grid_faces, mirrored_ring, painted
 from pcdet_avp.sim.meshes.mesh import Material, Mesh
 
@@ -27,8 +27,7 @@ class Profile:
         self.shape, self.length, self.height = shape, spec.length, spec.height
         self.half = spec.width / 2 - MIRROR_REACH_M
         self.radius = shape.wheel_radius_m * (1 + 0.03 * belt) * min(1.1, 0.5 + 0.5 * spec.height / 1.5)
-        self.front_axle = spec.length / 2 - (0.60 + 0.055 * spec.length)
-        self.rear_axle = -spec.length / 2 + (0.42 + 0.09 * spec.length)
+        self.front_axle, self.rear_axle = axles_x(spec.length)
         self.cowl = (shape.cowl_x + 0.012 * bonnet) * spec.length
         self.screen_top = (shape.screen_top_x + 0.012 * bonnet + 0.015 * rake) * spec.length
         self.roof_end = (shape.roof_end_x + 0.01 * taper) * spec.length

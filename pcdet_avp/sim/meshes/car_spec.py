@@ -120,6 +120,11 @@ PAINTS = (
 )
 
 
+def axles_x(length: float) -> tuple[float, float]:
+    """Places of the front and the rear axle of a car (m), forward of its centre."""
+    return length / 2 - (0.60 + 0.055 * length), -length / 2 + (0.42 + 0.09 * length)
+
+
 @dataclass(frozen=True)
 class CarSpec:
     """One car: body type, box size in metres, paint (linear RGB albedo), and four shape parameters in [-1, 1]:

@@ -1,0 +1,1 @@
+"""Episodes in people's tools: a page to scrub, MCAP, Rerun, OpenSCENARIO with OpenDRIVE, CommonRoad."""

@@ -1,0 +1,58 @@
+"""Drives episodes of a sweep again and keeps all of them; the same case gives the same drive, however often."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
+from pcdet_avp.closed_loop.export.record import EpisodeRecord, episode_record
+from pcdet_avp.closed_loop.perception.factory import find_perception
+from pcdet_avp.closed_loop.sweep.case import case_scenario, case_sensors, perceiver_settings
+from pcdet_avp.closed_loop.sweep.episode_row import ANY_COMBO, Case
+from pcdet_avp.closed_loop.sweep.sweep import Sweep
+from pcdet_avp.closed_loop.video.recording import Recording, record_episode
+from pcdet_avp.closed_loop.video.video_sweep import case_title
+from pcdet_avp.sim.rig import Rig
+from pcdet_avp.structures.roadside_unit import mounted_units
+
+
+@dataclass(frozen=True, eq=False)
+class DrivenCase:
+    """An episode's record, and what renders its sensors at any of its ticks."""
+
+    record: EpisodeRecord
+    recording: Recording
+    rig: Rig
+
+    def frames(self) -> np.ndarray:
+        """(T, 3) x, y (m), yaw (rad) of the ego frame, in which clouds and detections are made; of a car that drives
+        backwards it faces where the tail points."""
+        return self.recording.ego_poses()
+
+
+class CaseDriver:
+    """Drives cases of one sweep; its perceiver is built once."""
+
+    def __init__(self, sweep: Sweep) -> None:
+        self._sweep = sweep
+        self._perceiver = find_perception(sweep.perception).build(perceiver_settings(sweep.perceiver))
+        self._settings = EpisodeSettings.from_config(sweep.closed_loop)
+        data_cfg = sweep.perceiver["data_cfg"]
+        self._rig = Rig.from_config(data_cfg["SENSORS"], mounted_units(data_cfg.get("ROADSIDE_UNITS")))
+
+    def drive(self, case: Case) -> DrivenCase:
+        """The case, driven."""
+        scenario = case_scenario(self._sweep.job(case))
+        rig = self._rig.reversed() if scenario.reversing else self._rig
+        recording = record_episode(scenario, self._perceiver, case_sensors(case), self._settings)
+        title = case_title(self._sweep, case)
+        record = episode_record(recording, case, self._sweep.seed, title, self._settings, rig)
+        return DrivenCase(record, recording, rig)
+
+
+def vehicle_alone(case: Case) -> Case | None:
+    """The same trial of the same vehicle without the roadside; None where the case has no roadside to leave out."""
+    vehicle, _, roadside = case.combo.partition("+")
+    return None if case.combo == ANY_COMBO or roadside == "none" else case._replace(combo=f"{vehicle}+none")

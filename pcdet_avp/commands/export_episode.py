@@ -1,0 +1,85 @@
+"""``avp-episode``: drive one episode of the closed loop again and write it for other people's tools.
+
+The same scenario, seed, trial, speed, combination and perception give the same drive as in a sweep of
+``tools/safety_eval.py``. Formats: docs/episodes.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+from functools import partial
+from pathlib import Path
+
+from tqdm import tqdm
+
+from pcdet_avp.argument_types import non_negative_int, path, path_text, positive_float, positive_int
+from pcdet_avp.cli import CKPT_HELP, config_parser, run_tool
+from pcdet_avp.closed_loop.export.drive import CaseDriver, vehicle_alone
+from pcdet_avp.closed_loop.export.formats import FORMATS, ExportSettings
+from pcdet_avp.closed_loop.export.sweep_page import episode_stem
+from pcdet_avp.closed_loop.perception.factory import PERCEPTIONS, find_perception
+from pcdet_avp.closed_loop.perception.faults import FAULTS, MARK
+from pcdet_avp.closed_loop.perception.link_options import add_link_arguments
+from pcdet_avp.closed_loop.sweep.arguments import sweep_of
+from pcdet_avp.closed_loop.sweep.episode_row import ANY_COMBO, Case
+from pcdet_avp.runtime_arguments import add_runtime_arguments
+from pcdet_avp.sim.scenarios.table import ON_PLAN, SCENARIOS
+
+
+def parse_arguments() -> argparse.Namespace:
+    parser = config_parser("One episode for other tools.", default="cfgs/avp/cp_full.yaml", weights=True)
+    parser.add_argument("--scenario", required=True, metavar="S", help=f"{', '.join(SCENARIOS)}, or module:name")
+    parser.add_argument("--plan", type=path_text, metavar="FILE", help="find the scenario's sites in a garage's plan")
+    parser.add_argument("--perception", required=True, metavar="P", help=f"{', '.join(PERCEPTIONS)}, or module:name")
+    parser.add_argument("--fault", choices=FAULTS, metavar="F", help=f"a single fault: {', '.join(FAULTS)}")
+    parser.add_argument("--combo", default="CL+CL", help="sensor combination (default: CL+CL)")
+    parser.add_argument("--speed", type=positive_float, required=True, help="cruising speed (m/s)")
+    parser.add_argument("--trial", type=non_negative_int, default=0)
+    parser.add_argument("--seed", type=non_negative_int, default=0)
+    parser.add_argument("--formats", nargs="+", choices=FORMATS, default=["html"], help="default: html")
+    parser.add_argument(
+        "--every",
+        type=non_negative_int,
+        default=ExportSettings.every,
+        help=f"images and clouds of every K-th tick, 0 for none (default: {ExportSettings.every})",
+        metavar="K",
+    )
+    parser.add_argument(
+        "--width", type=positive_int, default=ExportSettings.widest_px, help="of images, at most (pixels, default: 960)"
+    )
+    parser.add_argument("--out", type=path, default=Path("output", "episodes"), help="default: output/episodes")
+    parser.add_argument("--ckpt", type=path_text, help=f"for --perception model: {CKPT_HELP}")
+    parser.add_argument("--use_amp", action="store_true", help="compute in bf16")
+    add_runtime_arguments(parser)
+    add_link_arguments(parser)
+    return parser.parse_args()
+
+
+def main() -> None:
+    args = parse_arguments()
+    formats, belongs_to = [FORMATS[name] for name in dict.fromkeys(args.formats)], as_sweep(args)
+    for each in formats:
+        each.check(belongs_to.scenario)
+    sweep = sweep_of(belongs_to, Path("cfgs", "closed_loop.yaml"))
+    combo = args.combo if find_perception(sweep.perception).uses_sensors else ANY_COMBO
+    case = Case(sweep.scenario, sweep.perception, combo, args.speed, args.trial)
+    driver, alone = CaseDriver(sweep), vehicle_alone(case) if "html" in args.formats else None
+    drives = [driver.drive(each) for each in tqdm([case, alone] if alone else [case], desc="driving", unit="drive")]
+    print(f"{drives[0].record.title}: {drives[0].record.ending()}")
+    for each in formats:
+        for file in each.write(drives, args.out / episode_stem(case), ExportSettings(args.every, args.width)):
+            print(f"wrote {file}")
+
+
+def as_sweep(args: argparse.Namespace) -> argparse.Namespace:
+    """The arguments of the sweep that this episode belongs to."""
+    args.scenario += f"{ON_PLAN}{args.plan}" if args.plan else ""
+    args.perception += f"{MARK}{args.fault}" if args.fault else ""
+    args.combos, args.speeds, args.trials, args.search = args.combo, [args.speed], args.trial + 1, False
+    return args
+
+
+run = partial(run_tool, main)
+
+if __name__ == "__main__":
+    run()

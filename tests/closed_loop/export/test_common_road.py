@@ -1,0 +1,65 @@
+"""The CommonRoad files read back by commonroad-io: lanes, road users at every step, the problem and what was driven."""
+
+import numpy as np
+import pytest
+
+from pcdet_avp.closed_loop.export.formats import FORMATS, ExportSettings
+
+reader = pytest.importorskip(
+    "commonroad.common.file_reader", reason="needs commonroad-io: pip install pcdet_avp[commonroad]"
+)
+solution = pytest.importorskip("commonroad.common.solution")
+TOLERANCE = 1e-5  # six decimals
+
+
+@pytest.fixture(scope="module")
+def files(junction, tmp_path_factory):
+    return FORMATS["commonroad"].write(junction, tmp_path_factory.mktemp("cr") / "e", ExportSettings())
+
+
+@pytest.fixture(scope="module")
+def opened(files):
+    return reader.CommonRoadFileReader(str(files[0])).open()
+
+
+def test_the_clock_is_the_loops(opened, junction):
+    assert opened[0].dt == junction[0].record.tick_s
+
+
+def test_road_users_are_where_they_were_at_every_step(opened, junction):
+    record, scenario = junction[0].record, opened[0]
+    assert len(scenario.static_obstacles) == sum(user.stands for user in record.users)
+    (moving,) = scenario.dynamic_obstacles
+    (other,) = [user for user in record.users if not user.stands]
+    assert moving.obstacle_id == 1000 + other.object_id
+    states = [moving.state_at_time(step) for step in range(len(other.poses))]
+    np.testing.assert_allclose([state.position for state in states], other.poses[:, :2], atol=TOLERANCE)
+    turned = np.array([state.orientation for state in states]) - other.poses[:, 2]
+    np.testing.assert_allclose(np.cos(turned), 1.0, atol=TOLERANCE)
+    np.testing.assert_allclose([state.velocity for state in states], other.speeds, atol=TOLERANCE)
+    shape = moving.obstacle_shape
+    np.testing.assert_allclose((shape.length, shape.width), other.size[:2], atol=TOLERANCE)
+
+
+def test_the_lane_under_the_ego_leads_along_the_road(opened, junction):
+    record, network = junction[0].record, opened[0].lanelet_network
+    assert len(network.lanelets) == 12
+    ((number,),) = network.find_lanelet_by_position([record.ego[0, :2]])
+    lane = network.find_lanelet_by_id(number)
+    along = lane.center_vertices[-1] - lane.center_vertices[0]
+    assert along[0] > 0
+    assert abs(along[1]) < 1e-9
+    assert len(lane.successor) == 2  # straight on, or into the side road
+
+
+def test_what_was_driven_solves_the_problem(files, opened, junction):
+    record = junction[0].record
+    (problem,) = opened[1].planning_problem_dict.values()
+    np.testing.assert_allclose(problem.initial_state.position, record.ego[0, :2], atol=TOLERANCE)
+    assert problem.initial_state.velocity == pytest.approx(8.0)
+    (driven,) = solution.CommonRoadSolutionReader.open(str(files[1])).planning_problem_solutions
+    states = driven.trajectory.state_list
+    np.testing.assert_allclose([state.position for state in states], record.ego[:, :2])
+    np.testing.assert_allclose([state.velocity for state in states], record.log.speeds, atol=TOLERANCE)
+    assert problem.goal.is_reached(states[-1])
+    assert not problem.goal.is_reached(states[len(states) // 2])

@@ -1,0 +1,75 @@
+"""The tool as a user meets it: the drive of a sweep, its files, and one line for wrong input."""
+
+import csv
+import json
+import re
+import sys
+from importlib.util import find_spec
+
+import pytest
+
+from pcdet_avp.closed_loop.export import formats
+from pcdet_avp.errors import AvpError, ConfigError
+
+EPISODE = ("--scenario", "t_junction", "--perception", "blind", "--speed", 8, "--trial", 1)
+
+
+@pytest.fixture
+def call(load_tool, tmp_path, monkeypatch):
+    """``call(tool, *arguments)``: its main, with a folder for the results."""
+
+    def run(tool, *arguments):
+        monkeypatch.setattr(sys, "argv", [tool, *map(str, arguments), "--out", str(tmp_path)])
+        load_tool(tool).main()
+        return tmp_path
+
+    return run
+
+
+@pytest.mark.slow
+def test_the_page_shows_the_drive_that_the_sweep_drove(call, capsys):
+    """The sweep's own page and the tool's are the same file, and it says how its row ended."""
+    folder = call("export_episode", *EPISODE)
+    (page,) = folder.glob("*.html")
+    assert page.name == "t_junction_blind_any_8_1.html"
+    assert f"wrote {page}" in capsys.readouterr().out
+    sweep = ("--scenario", "t_junction", "--perception", "blind", "--speeds", 8, "--trials", 2, "--workers", 1)
+    call("safety_eval", *sweep)
+    with (folder / "episodes.csv").open() as file:
+        rows = {row["trial"]: row for row in csv.DictReader(file) if row["perception"] == "blind"}
+    (drive,) = json.loads(re.search(r'id="episode">(.*?)</script>', page.read_text(), re.DOTALL)[1])["drives"]
+    assert drive["outcome"] == rows["1"]["outcome"] == "front"
+    assert f"{float(rows['1']['impact_speed_mps']):.1f} m/s" in drive["ending"]
+    assert "](episodes/t_junction_blind_any_8_0.html)" in (folder / "report.md").read_text()
+    assert (folder / "episodes" / "t_junction_blind_any_8_0.html").exists()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "named"),
+    [
+        (("--speed", 0), "--speed: expected a number above 0"),
+        (("--scenario", "crosswalk"), "crosswalk"),
+        (("--perception", "radar"), "radar"),
+        (("--combo", "C+X"), "C+X"),
+        (("--formats", "bag"), "--formats"),
+        (("--ckpt", "a.pth"), "--ckpt"),
+        (("--speed", 1000), "1000"),
+    ],
+)
+def test_wrong_input_is_refused_before_anything_is_driven(wrong, named, call, tmp_path):
+    with pytest.raises(AvpError, match=re.escape(named)):
+        call("export_episode", *EPISODE, *wrong)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_format_without_its_package_names_the_command_that_installs_it(call, monkeypatch, tmp_path):
+    monkeypatch.setattr(formats, "find_spec", lambda name: None)
+    with pytest.raises(ConfigError, match=r'mcap: needs foxglove-sdk, .*: pip install "pcdet_avp\[episodes\]"'):
+        call("export_episode", *EPISODE, "--formats", "html", "mcap")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(find_spec("scenariogeneration") is None, reason="needs scenariogeneration")
+def test_a_plan_is_refused_where_its_map_cannot_be_written(call):
+    with pytest.raises(ConfigError, match="--formats xosc: holds the drawn garages' map alone"):
+        call("export_episode", *EPISODE, "--formats", "xosc", "--plan", "cfgs/plans/paper_road.yaml")
