@@ -14,8 +14,10 @@ import numba
 import numpy as np
 
 # Lengths of the occupied cells' vectors that count as nothing and as everything: quantiles, so that the scale of the
-# network's numbers does not matter. Floors are occupied, too, with the shorter vectors.
+# network's numbers does not matter. Floors are occupied, too, with the shorter vectors. Where there is no floor, half of
+# the strong length still counts as something.
 WEAK, STRONG = 0.8, 0.99
+MOST_WEAK = 0.5
 
 
 def strength(bev_map: np.ndarray, valid: np.ndarray | None = None, weak: float = WEAK) -> np.ndarray:
@@ -27,7 +29,8 @@ def strength(bev_map: np.ndarray, valid: np.ndarray | None = None, weak: float =
     if not occupied.size:
         return length
     low, high = np.quantile(occupied, (weak, STRONG))
-    return np.clip((length - low) / max(high - low, 1e-6 * high), 0, 1).astype(np.float32)
+    low = min(low, MOST_WEAK * high)
+    return np.clip((length - low) / (high - low), 0, 1).astype(np.float32)
 
 
 def edges_along(strengths: np.ndarray, direction: float, sigma: float) -> np.ndarray:
