@@ -14,8 +14,8 @@ import numba
 import numpy as np
 
 # Lengths of the occupied cells' vectors that count as nothing and as everything: quantiles, so that the scale of the
-# network's numbers does not matter. Floors are occupied, too, with the shorter vectors. Where there is no floor, half of
-# the strong length still counts as something.
+# network's numbers does not matter. Floors are occupied, too, with the shorter vectors. Where there is no floor, what
+# is longer than MOST_WEAK of the strong length still counts as something.
 WEAK, STRONG = 0.8, 0.99
 MOST_WEAK = 0.5
 
