@@ -89,7 +89,7 @@ def test_names_say_the_size():
     assert RoadsideError.named("late_200ms") == RoadsideError(delay_s=0.2)
     assert RoadsideError.named("off_half_a_metre") is None
     assert "200 ms late" in find_perception("los@late_200ms").meaning
-    with pytest.raises(ConfigError, match="off_0.5m_2deg' is for perception 'los', found 'model'"):
+    with pytest.raises(ConfigError, match=r"off_0\.5m_2deg. is for perception 'los', found 'model'"):
         find_perception("model@off_0.5m_2deg")
     with pytest.raises(ConfigError, match=r"late_fast.*off_0\.5m_2deg or late_200ms"):
         find_perception("los@late_fast")
