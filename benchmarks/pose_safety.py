@@ -1,4 +1,4 @@
-"""Safe driving against pose error and delay without a network: what only the roadside sees is misplaced or late (`los`).
+"""Safe driving against pose error and delay without a network: what only the roadside sees is off or late (`los`).
 
     python benchmarks/pose_safety.py --cfg cfgs/avp/cp_small.yaml [--scenario pedestrian_late] [--speed 8] [--trials 20]
 
