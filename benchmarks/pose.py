@@ -18,8 +18,9 @@ import json
 import time
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import matplotlib
 import numpy as np
@@ -57,8 +58,7 @@ SIDES = ("without", "with")
 ALL = "CL+CL"
 
 
-@dataclass(frozen=True)
-class Size:
+class Size(NamedTuple):
     """Of an error: standard deviations."""
 
     metres: float

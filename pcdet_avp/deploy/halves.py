@@ -150,9 +150,11 @@ class VehicleHalf:
         self._encoders = Encoders(self._graphs, self._network, "ego")
         self._suppression = suppression or self._network.suppression
         self.shape = self._network.latent_shape
-        on = registration is not None and registration.enabled
-        self._registrar = Registrar(self._network.grid, registration) if on else None
-        self._memory = SteadyCorrection(registration.frames) if on and follows_time else None
+        self._registrar: Registrar | None = None
+        self._memory: SteadyCorrection | None = None
+        if registration is not None and registration.enabled:
+            self._registrar = Registrar(self._network.grid, registration)
+            self._memory = SteadyCorrection(registration.frames) if follows_time else None
 
     def detect(self, sample: Sample, world_from_ego: Pose, maps: Collection[LatentMap]) -> post_processing.Detected:
         """pred_boxes (n, 7), pred_scores (n,), pred_labels (n,) in the ego frame; the maps' own poses place them.

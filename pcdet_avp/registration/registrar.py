@@ -69,7 +69,9 @@ class Registrar:
 
     def fields(self, own: Mapping[str, tuple[np.ndarray, np.ndarray]], direction: float) -> list[np.ndarray]:
         """The own edges (H, W) along a direction, for each step of the search."""
-        total = np.sum([strength(*pair) for pair in own.values()], 0, dtype=np.float32)
+        total = np.zeros((self.grid.height, self.grid.width), np.float32)
+        for bev_map, valid in own.values():
+            total += strength(bev_map, valid)
         of_sigma = {sigma: edges_along(total, direction, sigma) for sigma in set(OWN_SIGMAS)}
         return [of_sigma[sigma] for sigma in OWN_SIGMAS]
 
