@@ -36,7 +36,7 @@ lint: setup  ## ruff
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
-typecheck: setup  ## mypy on structures, link, evaluation, datasets and deploy
+typecheck: setup  ## mypy on structures, link, evaluation, datasets, registration and deploy
 	$(BIN)/mypy
 
 # The variable silences the end-of-life notice of mkdocs-material, which is no warning about these pages.

@@ -4,7 +4,8 @@
 
 The frames of a data set are half a second or more apart, so each scene is drawn again from the seed in the data set's
 manifest and the mast captures it at the frame's time less the delay (the vehicle itself was elsewhere then, too). The
-maps travel as bytes; the vehicle places them with its present pose, the mast stands still. Without delay the capture
+maps travel as bytes; the vehicle places them with its present pose, the mast stands still. ``--motion_ignored`` runs
+the other side, too: maps placed as if the vehicle still were where it was at the capture. Without delay the capture
 is the recorded one, bit for bit, or the script stops. Frames at a scene's very beginning have no past and are left out.
 Writes delay.json, delay.md and a plot; the same command goes on where it stopped.
 """
@@ -51,6 +52,7 @@ from pcdet_avp.provenance import provenance
 from pcdet_avp.sim.rig import Rig, capture
 from pcdet_avp.sim.scenarios.training_scene import TrainingScene, draw_training_scene
 from pcdet_avp.structures.frame import Frame
+from pcdet_avp.structures.pose import Pose
 from pcdet_avp.structures.sensor_set import SensorSet
 
 ROADSIDE = SensorSet(False, False, True, True)
@@ -73,6 +75,11 @@ class Past:
         world = self._drawn(number).seek_time(recorded.time_s - delay_s)
         return replace(recorded, infra=capture(world, self.rig, key, recorded.frame_id, sources=ROADSIDE.sources).infra)
 
+    def world_from_ego(self, recorded: Frame, delay_s: float) -> Pose:
+        """Where the vehicle was ``delay_s`` before a recorded frame."""
+        number = self.numbers[recorded.frame_id.partition("/")[0]]
+        return self._drawn(number).seek_time(recorded.time_s - delay_s).world_from_ego
+
     def _drawn(self, number: int) -> TrainingScene:
         if self._scene[0] != number:
             rng = np.random.default_rng(np.random.SeedSequence([self.manifest.seed, number]))
@@ -88,6 +95,7 @@ def parse_arguments() -> Namespace:
     parser.add_argument("--frames", type=int, metavar="N", help="only the first N of those")
     parser.add_argument("--combos", default="C+CL,CL+CL")
     parser.add_argument("--delays", default="0,50,100,150,200", help="milliseconds, in order")
+    parser.add_argument("--motion_ignored", action="store_true", help="also without the vehicle's own motion")
     parser.add_argument("--out", type=Path)
     args = parser.parse_args()
     try:
@@ -120,20 +128,26 @@ class Network:
         segments = self.roadside.segments(batch, 0, 0, seen.infra.world_from_agent)
         return [decode(payloads) for payloads in segments.values()]
 
-    def found(self, index: int, combo: str, recorded: Frame, maps: list) -> Boxes:
-        """What the vehicle finds with maps of the sensors in ``combo``."""
+    def found(self, index: int, combo: str, world_from_ego: Pose, maps: list) -> Boxes:
+        """What the vehicle finds with maps of the sensors in ``combo``, placed by a pose of its own."""
         used = {name for name in ("camera", "lidar") if getattr(SensorSet.parse(combo), f"infra_{name}")}
         batch = self._batch(self.dataset[(index, combo.split("+")[0] + "+none")])
         chosen = [known for known in maps if known.stamp.modality in used]
-        found = self.vehicle.detect(batch, recorded.ego.world_from_agent, chosen)
+        found = self.vehicle.detect(batch, world_from_ego, chosen)
         return Boxes(found["pred_boxes"], found["pred_scores"], found["pred_labels"])
 
     def _batch(self, sample: dict) -> dict:
         return load_batch(collate([sample]), self.device)
 
 
-def label(delay_ms: float) -> str:
-    return f"{delay_ms:g} ms"
+def label(delay_ms: float, ignored: bool = False) -> str:
+    return f"{delay_ms:g} ms" + (", motion ignored" if ignored else "")
+
+
+def conditions(args: Namespace) -> list[tuple[float, bool]]:
+    """Delays (ms), each with whether the vehicle's own motion is ignored."""
+    ignored = [(delay, True) for delay in args.delays_ms if delay and args.motion_ignored]
+    return sorted([*((delay, False) for delay in args.delays_ms), *ignored])
 
 
 def results(args, network: Network, past: Past, parts: Parts, chosen: list[int]) -> Iterator[FrameResult]:
@@ -148,8 +162,12 @@ def results(args, network: Network, past: Past, parts: Parts, chosen: list[int])
                 seen = past.infra(recorded, 1e-3 * delay_ms)
                 if delay_ms == 0:
                     check_recorded(seen, recorded)
-                maps = network.maps(seen)
-                found |= {(c, label(delay_ms)): network.found(index, c, recorded, maps) for c in combos}
+                maps, placed = network.maps(seen), {False: recorded.ego.world_from_agent}
+                if (delay_ms, True) in conditions(args):
+                    placed[True] = past.world_from_ego(recorded, 1e-3 * delay_ms)
+                for ignored, pose in placed.items():
+                    name = label(delay_ms, ignored)
+                    found |= {(c, name): network.found(index, c, pose, maps) for c in combos}
             parts.save(frame_id, FrameResult(found, nothing))
         yield parts.load(frame_id)
 
@@ -159,10 +177,18 @@ def rows_of(args, evaluator: Evaluator, found: list[FrameResult]) -> list[dict]:
     rows = []
     for combo in parse_combos(args.combos):
         fresh = evaluator.detections([r.found[combo, label(0)] for r in found])
-        for delay_ms in args.delays_ms:
-            late = evaluator.detections([r.found[combo, label(delay_ms)] for r in found])
+        for delay_ms, ignored in conditions(args):
+            late = evaluator.detections([r.found[combo, label(delay_ms, ignored)] for r in found])
             gains = {name: evaluator.gain(name, fresh, late) if delay_ms else None for name in evaluator.class_names}
-            rows.append({"combo": combo, "delay_ms": delay_ms, "ap": evaluator.average_precision(late), "gain": gains})
+            rows.append(
+                {
+                    "combo": combo,
+                    "delay_ms": delay_ms,
+                    "motion_ignored": ignored,
+                    "ap": evaluator.average_precision(late),
+                    "gain": gains,
+                }
+            )
     return rows
 
 
@@ -176,7 +202,7 @@ def table(rows: list[dict], title: str) -> str:
             strict, loose = (cells[name]["overall"][f"{o:g}"] for o in (STRICT_IOU[name], LOOSE_IOU))
             text = "-" if strict is None else f"{strict:.1f}/{loose:.1f}"
             texts.append(text + (f" ({gain['points']:+.1f} [{gain['low']:+.1f}, {gain['high']:+.1f}])" if gain else ""))
-        body.append([row["combo"], label(row["delay_ms"]), *texts])
+        body.append([row["combo"], label(row["delay_ms"], row["motion_ignored"]), *texts])
     return "\n".join([title, "", *markdown_table(["", "delay", *(f"{n} AP" for n in rows[0]["gain"])], body)])
 
 
@@ -184,7 +210,7 @@ def plot(rows: list[dict], config: str, file: Path) -> None:
     figure, ax = plt.subplots(figsize=(6.4, 3.8))
     for combo, line in zip(dict.fromkeys(row["combo"] for row in rows), ("-", "--", "-.", ":"), strict=False):
         for name, colour in (("Car", "#1b6ca8"), ("Pedestrian", "#c0392b")):
-            mine = [row for row in rows if row["combo"] == combo]
+            mine = [row for row in rows if row["combo"] == combo and not row["motion_ignored"]]
             ap = [next(iter(row["ap"].values()))[name]["overall"][f"{STRICT_IOU[name]:g}"] for row in mine]
             points = [(row["delay_ms"], value) for row, value in zip(mine, ap, strict=True) if value is not None]
             if points:
@@ -210,8 +236,8 @@ def main() -> None:
     truths, longest_s = dataset.ground_truths(), 1e-3 * max(args.delays_ms)
     began = [i for i in range(len(dataset)) if dataset.read(i, SensorSet(*[False] * 4)).time_s >= longest_s]
     chosen = [began[i] for i in choose_frames([dataset.frame_ids[i] for i in began], args.every, args.frames)]
-    key = hashlib.sha256(repr((weights, args.combos, args.delays_ms)).encode()).hexdigest()[:8]
-    parts = Parts(out / f"frames_{key}", parse_combos(args.combos), [label(d) for d in args.delays_ms])
+    key = hashlib.sha256(repr((weights, args.combos, conditions(args))).encode()).hexdigest()[:8]
+    parts = Parts(out / f"frames_{key}", parse_combos(args.combos), [label(*known) for known in conditions(args)])
     network = Network(model, dataset, ranks.device)
     found = list(results(args, network, Past(dataset.root_path), parts, chosen))
     evaluator = Evaluator([truths[i] for i in chosen], dataset.regions(), dataset.class_names, seed=0)

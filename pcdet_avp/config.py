@@ -227,7 +227,8 @@ def plain(value: Any) -> Any:
 def config_hash(cfg: dict) -> str:
     """16 hexadecimal digits that change with any value, but not with key order or with where the data lie.
 
-    Settings of generated scenes count where they differ from their defaults, whether or not they are written out.
+    Settings of generated scenes count where they differ from their defaults, whether or not they are written out;
+    those of registration only where it is on.
     """
     text = json.dumps(_reduced(cfg), sort_keys=True, separators=(",", ":"), default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
@@ -237,6 +238,7 @@ def _reduced(value: Any, key: str = "") -> Any:
     if isinstance(value, dict):
         value = without_defaults(value) if key == "GENERATE" else value
         unset = {k for k in UNSET_KEYS if value.get(k) is None}
+        unset |= {k for k in ("REGISTRATION",) if not (value.get(k) or {}).get("ENABLED")}
         return {k: _reduced(v, k) for k, v in value.items() if k not in PATH_KEYS and k not in unset}
     if isinstance(value, list | tuple):
         return [_reduced(v) for v in value]

@@ -221,6 +221,13 @@ SECTIONS: dict[str, dict[str, Rule]] = {
         "NMS_CONFIG.NMS_POST_MAXSIZE": COUNT,
     },
 }
+REGISTRATION = {
+    "ENABLED": FLAG,
+    "POSITION_STD_M": POSITIVE,
+    "YAW_STD_DEG": POSITIVE,
+    "MIN_GAIN": SHARE,
+    "FRAMES": COUNT,
+}
 MODEL = {
     **NORM,
     "NAME": TEXT,
@@ -230,6 +237,7 @@ MODEL = {
     "ROADSIDE_MAP_DROPOUT": SHARE,
     "ROADSIDE_SEGMENT_DROPOUT": SHARE,
     "IGNORE_CONFIG": NAMES,
+    **{f"REGISTRATION.{key}": rule for key, rule in REGISTRATION.items()},
     **{f"{section}.{key}": rule for section, rules in SECTIONS.items() for key, rule in rules.items()},
 }
 OPTIMIZATION = {

@@ -13,26 +13,29 @@ from pcdet_avp.deploy.network import Suppression
 from pcdet_avp.deploy.post_processing import Detected
 from pcdet_avp.deploy.runtime import Runtime
 from pcdet_avp.link.nr_v2x import NrV2xConfig
+from pcdet_avp.registration import RegistrationSettings
 
 
 @dataclass(frozen=True, eq=False)
 class Deployed:
     """Makes the two halves, each with graphs of its own.
 
-    ``suppression``: thresholds of the vehicle's half in place of those that were exported.
+    ``suppression``: thresholds of the vehicle's half in place of those that were exported. ``registration``: how the
+    vehicle registers received maps; None: it does not.
     """
 
     exported: Exported
     runtime: Runtime
     suppression: Suppression | None = None
+    registration: RegistrationSettings | None = None
 
     def roadside(self, max_segment_bytes: int, budget_bytes: int | None = None) -> RoadsideHalf:
         """What runs at the mast."""
         return RoadsideHalf(self.exported, self.runtime, max_segment_bytes, budget_bytes)
 
-    def vehicle(self) -> VehicleHalf:
-        """What runs in the vehicle."""
-        return VehicleHalf(self.exported, self.runtime, self.suppression)
+    def vehicle(self, follows_time: bool = False) -> VehicleHalf:
+        """What runs in the vehicle; ``follows_time``: on frames of one vehicle, one after the other."""
+        return VehicleHalf(self.exported, self.runtime, self.suppression, self.registration, follows_time)
 
     @property
     def name(self) -> str:

@@ -7,7 +7,7 @@ They take a sample as ``datasets.avp.prepare`` makes it (numpy, one frame) and a
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,8 @@ from pcdet_avp.errors import SensorError
 from pcdet_avp.link import LatentMap, MapStamp, encode
 from pcdet_avp.link.rate_control import encode_within
 from pcdet_avp.link.units import by_source
+from pcdet_avp.registration import Registrar, RegistrationSettings, SteadyCorrection
+from pcdet_avp.registration.registrar import Received as ReceivedMap
 from pcdet_avp.structures.pose import Pose
 from pcdet_avp.structures.sensor_set import EGO_SOURCES, INFRA_SOURCES, SOURCES, modality_of
 
@@ -134,12 +136,25 @@ class RoadsideHalf:
 class VehicleHalf:
     """Sensors and received maps to boxes: encoders, decompress, warp, fuse, backbone, head, post-processing."""
 
-    def __init__(self, exported: Exported, runtime: Runtime, suppression: Suppression | None = None) -> None:
-        """``suppression``: thresholds instead of those that were exported."""
+    def __init__(
+        self,
+        exported: Exported,
+        runtime: Runtime,
+        suppression: Suppression | None = None,
+        registration: RegistrationSettings | None = None,
+        follows_time: bool = False,
+    ) -> None:
+        """``suppression``: thresholds instead of those that were exported. ``registration``: None or not enabled, maps
+        stay where their poses place them; with ``follows_time``, corrections are smoothed from frame to frame."""
         self._network, self._graphs = exported.network, Graphs(exported, runtime, "vehicle")
         self._encoders = Encoders(self._graphs, self._network, "ego")
         self._suppression = suppression or self._network.suppression
         self.shape = self._network.latent_shape
+        self._registrar: Registrar | None = None
+        self._memory: SteadyCorrection | None = None
+        if registration is not None and registration.enabled:
+            self._registrar = Registrar(self._network.grid, registration)
+            self._memory = SteadyCorrection(registration.frames) if follows_time else None
 
     def detect(self, sample: Sample, world_from_ego: Pose, maps: Collection[LatentMap]) -> post_processing.Detected:
         """pred_boxes (n, 7), pred_scores (n,), pred_labels (n,) in the ego frame; the maps' own poses place them.
@@ -170,12 +185,32 @@ class VehicleHalf:
         ``received``: of every roadside source one map, or those of several units.
         """
         maps = {source: self._encoders.encode(sample, source) for source in present_sources(sample, EGO_SOURCES)}
-        for source, known in received.items():
-            of_units = [known] if isinstance(known, Received) else known
+        of_source = {source: [r] if isinstance(r, Received) else list(r) for source, r in received.items()}
+        for source, of_units in self._registered(maps, of_source).items():
             maps[source] = merged([self.place(source, each) for each in of_units])
         if not maps:
             raise SensorError("fusion: no feature map from any of the four sources")
         return self.head(maps)
+
+    def _registered(
+        self, maps: Mapping[str, tuple[np.ndarray, np.ndarray]], received: dict[str, list[Received]]
+    ) -> dict[str, list[Received]]:
+        """What was received, its poses corrected where registration is on; as ``models.fusion.register`` does it."""
+        if self._registrar is None:
+            return received
+        own = {name: (maps[name][0][0], maps[name][1][0, 0]) for name in ("ego_lidar",) if name in maps}
+        sent = [
+            ReceivedMap(np.where(r.present, r.values, np.float32(0)), Pose(r.ego_from_sender))
+            for r in received.get("infra_lidar", [])
+        ]
+        correction = self._registrar(own, sent)
+        pose = correction.true_from_believed if self._memory is None else self._memory(correction)
+        if np.array_equal(pose.matrix, np.eye(4)):
+            return received
+        return {
+            source: [replace(r, ego_from_sender=(pose.matrix @ r.ego_from_sender).astype(np.float32)) for r in of_units]
+            for source, of_units in received.items()
+        }
 
     def head(self, maps: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Arrays:
         """Raw outputs from the maps and masks on the ego grid; a source that is left out is absent everywhere."""

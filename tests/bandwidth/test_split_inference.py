@@ -2,13 +2,15 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import torch
 
 from pcdet_avp.errors import ConfigError
-from pcdet_avp.link import Receiver
+from pcdet_avp.link import MapStamp, Receiver, decode, encode
 from pcdet_avp.models.compression import NoCompression
 from pcdet_avp.models.detectors.split_inference import RoadsideHalf, VehicleHalf, latent_shape
+from pcdet_avp.structures.pose import Pose
 from pcdet_avp.structures.sensor_set import SensorSet
 
 NOTHING = SensorSet(False, False, False, False)
@@ -42,6 +44,17 @@ def test_both_halves_together_are_the_network(network, batch_of, poses):
     assert len(found["pred_scores"]) == len(whole["pred_scores"]) > 5
     torch.testing.assert_close(found["pred_scores"], whole["pred_scores"], atol=1e-4, rtol=1e-4)
     torch.testing.assert_close(found["pred_boxes"], whole["pred_boxes"], atol=1e-3, rtol=1e-3)
+
+
+def test_an_old_map_lies_where_the_vehicle_is_now(network):
+    """By hand: the mast at x = 40 looks back; what stands 10 m before it is 30 m ahead of the vehicle at first, and
+    28.4 m once that has driven 1.6 m, whatever the age of the map."""
+    sender, shape = Pose.from_xyz_yaw(40.0, 0.0, yaw=np.pi), latent_shape(network)
+    known = decode(encode(np.zeros(shape, np.float32), MapStamp.at_pose(0, 0, "lidar", sender), 60_000))
+    for driven, ahead in ((0.0, 30.0), (1.6, 28.4)):
+        batch = VehicleHalf._received(torch.zeros(1), Pose.from_xyz_yaw(driven, 0.0), [known])
+        place = batch["ego_from_sender"]["infra_lidar"][0] @ torch.tensor([10.0, 0.0, 0.0, 1.0])
+        torch.testing.assert_close(place[:2], torch.tensor([ahead, 0.0]), atol=1e-4, rtol=0)
 
 
 def test_without_maps_the_vehicle_is_alone(network, batch_of, poses):

@@ -26,3 +26,12 @@ def test_without_delay_the_record_comes_out_again_and_a_moment_before_it_somethi
         with pytest.raises(ConfigError, match="differs from the record"):
             delay.check_recorded(past.infra(recorded, -0.5), recorded)
     assert all(differ)
+
+
+def test_the_vehicle_s_pose_of_the_past_is_the_recorded_one_without_delay(delay, tiny_data):
+    past, manifest = delay.Past(tiny_data), read_manifest(tiny_data)
+    past.manifest.generator["GENERATE"]["FRAMES_PER_SCENE"] = 1
+    recorded = read_frame(tiny_data, manifest.scenes[0].frame_ids[0])
+    now, moved = past.world_from_ego(recorded, 0.0), past.world_from_ego(recorded, -0.5)
+    np.testing.assert_allclose(now.matrix, recorded.ego.world_from_agent.matrix, atol=1e-9)
+    assert moved.translation[0] != now.translation[0]

@@ -82,6 +82,8 @@ def find_perception(name: str) -> PerceptionKind:
 def _with_fault(kind: PerceptionKind, fault: Fault) -> PerceptionKind:
     if not kind.uses_sensors:
         raise ConfigError(f"perception {kind.name!r} uses no sensors and no link, so {fault.name!r} changes nothing")
+    if fault.only_for not in (None, kind.name):
+        raise ConfigError(f"fault {fault.name!r} is for perception {fault.only_for!r}, found {kind.name!r}")
     meaning = f"{kind.meaning}, but {fault.meaning}"
     name, build = f"{kind.name}{MARK}{fault.name}", FaultyBuild(kind.build, fault.name)
     return replace(kind, name=name, build=build, meaning=meaning)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pcdet_avp.closed_loop.perception.misplaced import EXPECTED, Misplaced, RoadsideError
 from pcdet_avp.closed_loop.perception.perceiver import Perceived, Perceiver, PerceiverSettings
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.sim.scenarios.scenario import Scenario
@@ -104,6 +105,7 @@ class Fault:
     name: str
     apply: Callable[[Perceiver], Perceiver]
     meaning: str
+    only_for: str | None = None  # the one perception that can have it
 
 
 @dataclass(frozen=True)
@@ -136,11 +138,13 @@ class FaultyBuild:
     fault: str
 
     def __call__(self, settings: PerceiverSettings) -> Perceiver:
-        return FAULTS[self.fault].apply(self.build(settings))
+        return find_fault(self.fault).apply(self.build(settings))
 
 
 def find_fault(name: str) -> Fault:
     """The fault of a name; ConfigError for an unknown one."""
+    if error := RoadsideError.named(name):
+        return Fault(name, lambda perceiver: Misplaced(perceiver, error, FAULT_STREAM), error.meaning, only_for="los")
     if name not in FAULTS:
-        raise ConfigError(f"unknown fault {name!r}; known: {', '.join(FAULTS)}")
+        raise ConfigError(f"unknown fault {name!r}; known: {', '.join(FAULTS)}, and for los {EXPECTED}")
     return FAULTS[name]

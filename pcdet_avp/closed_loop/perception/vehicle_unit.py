@@ -11,6 +11,7 @@ import torch
 from pcdet_avp.closed_loop.perception.network import DrivingNetwork, named
 from pcdet_avp.datasets.avp.collate import collate, load_batch
 from pcdet_avp.datasets.avp.prepare import prepare
+from pcdet_avp.deploy.halves import VehicleHalf as DeployedVehicleHalf
 from pcdet_avp.evaluation.inputs import Detections
 from pcdet_avp.link.packet import LatentMap
 from pcdet_avp.link.receiver import Receiver, StreamKey
@@ -22,12 +23,19 @@ from pcdet_avp.structures.sensor_set import SensorSet
 Maps = dict[StreamKey, LatentMap]  # by sender and modality
 
 
+def _half_of(driving: DrivingNetwork) -> VehicleHalf | DeployedVehicleHalf:
+    """The vehicle's half of a network for frames that follow each other."""
+    if driving.deployed is not None:
+        return driving.deployed.vehicle(follows_time=True)
+    return VehicleHalf(driving.network, follows_time=True)
+
+
 class Onboard:
     """One vehicle in one episode. Received maps count until they are ``hold_s`` old."""
 
     def __init__(self, driving: DrivingNetwork, hold_s: float) -> None:
         self._driving = driving
-        self._half = driving.deployed.vehicle() if driving.deployed is not None else VehicleHalf(driving.network)
+        self._half = _half_of(driving)
         self._receiver = Receiver(self._half.shape, round(1e6 * hold_s))
 
     def hear(self, payloads: Iterable[bytes]) -> None:

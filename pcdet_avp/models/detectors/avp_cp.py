@@ -14,9 +14,11 @@ from pcdet_avp.models.detectors.build import build_modules
 from pcdet_avp.models.detectors.loadable import LoadableDetector
 from pcdet_avp.models.detectors.map_dropout import drop_roadside_maps, drop_segments
 from pcdet_avp.models.detectors.post_processing import PostProcessing
+from pcdet_avp.models.fusion.register import RegisterMaps
 from pcdet_avp.models.fusion.units import merge_units
 from pcdet_avp.models.recompute import recomputed
 from pcdet_avp.models.weights.agreement import NetworkMeaning
+from pcdet_avp.registration import RegistrationSettings
 from pcdet_avp.registry import DETECTORS
 from pcdet_avp.structures.sensor_set import EGO_SOURCES, INFRA_SOURCES, SOURCES, modality_of
 
@@ -32,7 +34,7 @@ def received_as_sent(latents: dict) -> dict:
 class AvpCp(LoadableDetector):
     """Collaborative perception of a vehicle and a roadside mast, with OpenPCDet's interface.
 
-    encode -> compress -> link -> decompress -> warp -> merge units -> fuse -> backbone -> head
+    encode -> compress -> link -> (register) -> decompress -> warp -> merge units -> fuse -> backbone -> head
 
     One set of weights serves any non-empty subset of the four sources, sample by sample (``source_present``).
     ``link`` maps the roadside's latents, by source, to what the vehicle received of them: whoever sends real bytes
@@ -47,6 +49,7 @@ class AvpCp(LoadableDetector):
         self.segment_dropout = float(model_cfg.get("ROADSIDE_SEGMENT_DROPOUT", 0.0))
         for name, module in build_modules(model_cfg, num_class, dataset).items():
             self.add_module(name, module)
+        self.registration = RegisterMaps(self.warp.grid, RegistrationSettings.from_config(model_cfg))
         self.post_processing = PostProcessing(model_cfg["POST_PROCESSING"], dataset.class_names)
         self.add_global_step()
         self.meaning = NetworkMeaning.of(model_cfg, dataset)
@@ -81,7 +84,12 @@ class AvpCp(LoadableDetector):
         return self.encode(batch_dict, EGO_SOURCES)
 
     def fuse_and_detect(self, batch_dict: dict) -> dict:
-        """From the vehicle's maps and ``latents``, what it received (of no source: nothing), to the head's boxes."""
+        """From the vehicle's maps and ``latents``, what it received (of no source: nothing), to the head's boxes.
+
+        Where MODEL.REGISTRATION is on, except in training, the received maps are registered first.
+        """
+        if not self.training:
+            batch_dict = self.registration(batch_dict)
         for stage in (self.codec.decompress, self.warp, merge_units, self.fuser, self.backbone_2d, self.dense_head):
             batch_dict = stage(batch_dict)
         return batch_dict

@@ -11,6 +11,7 @@ from torch import nn
 from pcdet_avp.link import LatentMap, MapStamp
 from pcdet_avp.link.units import by_source
 from pcdet_avp.models.compression.map_packets import MapPacker, as_latents, precisions
+from pcdet_avp.registration import SteadyCorrection
 from pcdet_avp.structures.pose import Pose
 from pcdet_avp.structures.sensor_set import modality_of
 
@@ -55,8 +56,13 @@ class VehicleHalf:
     vehicle believes to be. Two of one unit and modality are an error.
     """
 
-    def __init__(self, model: nn.Module) -> None:
+    def __init__(self, model: nn.Module, follows_time: bool = False) -> None:
+        """``follows_time``: frames come from one vehicle, one after the other, so that corrections by registration (off
+        by default, see MODEL.REGISTRATION) are smoothed over them."""
         self._model, self.shape = model.eval(), latent_shape(model)
+        settings = model.registration.settings
+        smoothed = follows_time and settings.enabled
+        self._memory = {"correction_memory": SteadyCorrection(settings.frames)} if smoothed else {}
 
     @torch.no_grad()
     def detect(self, batch_dict: dict, world_from_ego: Pose, maps: Collection[LatentMap]) -> dict[str, torch.Tensor]:
@@ -67,7 +73,7 @@ class VehicleHalf:
     def run(self, batch_dict: dict, world_from_ego: Pose, maps: Collection[LatentMap]) -> dict:
         """The head's boxes and logits (see ``AnchorHeadSingle``) that ``detect`` filters."""
         received = self._received(batch_dict["ego_from_infra"], world_from_ego, maps)
-        return self._model.fuse_and_detect({**self._model.encode_vehicle(batch_dict), **received})
+        return self._model.fuse_and_detect({**self._model.encode_vehicle(batch_dict), **received, **self._memory})
 
     @staticmethod
     def _received(like: torch.Tensor, world_from_ego: Pose, maps: Collection[LatentMap]) -> dict:

@@ -14,6 +14,7 @@ from pcdet_avp.deploy.runtime import open_runtime
 from pcdet_avp.errors import ExportError
 from pcdet_avp.models.thresholds import per_class
 from pcdet_avp.models.weights.meaning import below, differences, meaning_of, refusal, some_of
+from pcdet_avp.registration import RegistrationSettings
 
 logger = logging.getLogger(__name__)
 
@@ -21,8 +22,8 @@ logger = logging.getLogger(__name__)
 def open_deployed(folder: Path, runtime: str, cfg: Mapping, threads: int | None = None) -> Deployed:
     """An exported network and its runtime; ExportError where it was exported for something else than ``cfg``.
 
-    Keys and sections that MODEL.IGNORE_CONFIG names may differ, as for checkpoints. Boxes are filtered as ``cfg`` says,
-    on which no weights depend.
+    Keys and sections that MODEL.IGNORE_CONFIG names may differ, as for checkpoints. Boxes are filtered, and maps
+    registered, as ``cfg`` says: no weights depend on that.
     """
     exported = Exported.read(Path(folder))
     found = differences(exported.meaning, meaning_of(cfg))
@@ -33,7 +34,8 @@ def open_deployed(folder: Path, runtime: str, cfg: Mapping, threads: int | None 
     if found:
         logger.warning("%s: used although %s", folder, some_of(found))
     suppression = configured_suppression(cfg["MODEL"]["POST_PROCESSING"], exported.network.class_names)
-    return Deployed(exported, open_runtime(runtime, threads), suppression)
+    registration = RegistrationSettings.from_config(cfg["MODEL"])
+    return Deployed(exported, open_runtime(runtime, threads), suppression, registration)
 
 
 def configured_suppression(cfg: Any, class_names: Sequence[str]) -> Suppression:

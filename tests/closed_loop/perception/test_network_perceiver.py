@@ -13,7 +13,7 @@ from pcdet_avp.closed_loop.perception.network import untrained
 from pcdet_avp.closed_loop.perception.network_perceiver import NetworkPerceiver, drawn_error, rig_ahead
 from pcdet_avp.closed_loop.perception.roadside_unit import RoadsideUnit
 from pcdet_avp.closed_loop.perception.vehicle_unit import Onboard
-from pcdet_avp.config import load_config
+from pcdet_avp.config import apply_overrides, load_config
 from pcdet_avp.datasets.avp.collate import collate, load_batch
 from pcdet_avp.datasets.avp.prepare import prepare
 from pcdet_avp.errors import ConfigError
@@ -26,7 +26,8 @@ from pcdet_avp.sim.scenarios.training_scene import draw_training_scene
 from pcdet_avp.structures.pose import Pose
 from pcdet_avp.structures.sensor_set import SENSOR_SETS, SOURCES, SensorSet
 
-CFG = load_config(Path(__file__).parents[3] / "cfgs" / "avp" / "cp_tiny.yaml")
+CFG_FILE = Path(__file__).parents[3] / "cfgs" / "avp" / "cp_tiny.yaml"
+CFG = load_config(CFG_FILE)
 SCENARIO, KEY = SimpleNamespace(name="test", trial=3, reversing=False), (5, 1)
 TICK_S = 0.05
 
@@ -99,6 +100,18 @@ def test_half_of_a_turn_is_all_that_the_vehicle_s_map_holds(driving, rig, scene)
         points.append(rows[np.lexsort(rows.T)])
     assert len(points[0]) > 1000
     np.testing.assert_allclose(points[1], points[0], atol=1e-4)
+
+
+def test_corrections_by_registration_are_remembered_for_one_episode(scene):
+    cfg = apply_overrides(load_config(CFG_FILE), ["MODEL.REGISTRATION.ENABLED", "True"])
+    perceiver, memories = NetworkPerceiver(untrained(cfg), LinkOptions(position_noise_m=0.5)), []
+    for _ in range(2):
+        perceiver.begin(SCENARIO, KEY)
+        perceiver.perceive(at_tick(scene, 0), 0, SENSOR_SETS["CL+CL"])
+        memories.append(perceiver._vehicle._half._memory["correction_memory"])
+    assert memories[0] is not memories[1]
+    off = Onboard(untrained(CFG), 0.3)
+    assert not off._half._memory
 
 
 def test_bf16_finds_nearly_the_same(driving, scene):
