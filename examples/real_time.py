@@ -46,6 +46,7 @@ def parse_arguments() -> argparse.Namespace:
     add_runtime_arguments(parser)
     parser.add_argument("--minutes", type=positive_float, default=10.0, help="how long (default: 10)")
     parser.add_argument("--rate_hz", type=positive_float, default=20.0, help="ticks a second (default: 20)")
+    parser.add_argument("--max_age", type=positive_float, default=1.0, help="older maps are unused (s, default: 1)")
     parser.add_argument("--threads", type=positive_int, default=1, help="of each process (default: 1)")
     parser.add_argument("--split", default="test")
     parser.add_argument("--frames", type=positive_int, default=8, help="length of the recording (default: 8 frames)")
@@ -87,7 +88,7 @@ def run_both(args: argparse.Namespace, folder: Path) -> dict[str, dict]:
     """Figures of both halves, by role. AvpError where one of them ends too early; it has then said why."""
     place, seconds = f"127.0.0.1:{free_port()}", 60 * args.minutes
     files = {role: folder / f"{role}.json" for role in ("vehicle", "roadside_unit")}
-    listen = ("--listen", place, "--seconds", seconds, "--wait", START_S)
+    listen = ("--listen", place, "--seconds", seconds, "--wait", START_S, "--max_age", args.max_age)
     to = ("--to", place, "--seconds", seconds + AFTER_S, "--wait", START_S)
     with running(words("vehicle", args, files["vehicle"], *listen), args.threads) as vehicle:
         await_end({"vehicle": vehicle}, pass_on(vehicle, until=LISTENING))

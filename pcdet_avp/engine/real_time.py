@@ -35,6 +35,15 @@ def resident_mb() -> float | None:
     return int(STATM.read_text().split()[1]) * resource.getpagesize() / MEGABYTE
 
 
+def largest_mb() -> float | None:
+    """The largest that ``resident_mb`` ever was, compiling and loading included."""
+    if not sys.platform.startswith("linux"):
+        return None
+    import resource
+
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
 class MemorySamples:
     """Resident memory over time: one sample every ``period_s``."""
 
@@ -57,7 +66,8 @@ class MemorySamples:
         return float(60 * np.polyfit(*later.T, 1)[0]) if len(later) >= 3 else None
 
     def as_json(self) -> dict[str, Any]:
-        """first, last and peak (MB), growth_mb_per_minute of the second half, and the samples [[s, MB], ...]."""
+        """first, last and peak of the samples (MB), growth_mb_per_minute of the second half, the samples [[s, MB]];
+        and largest_ever_mb of the process."""
         sizes = [size for _, size in self.samples] or [None]
         growth = self.growth_mb_per_minute
         return {
@@ -65,6 +75,7 @@ class MemorySamples:
             "last_mb": sizes[-1],
             "peak_mb": max(sizes, key=lambda size: size or 0),
             "growth_mb_per_minute": None if growth is None else round(growth, 3),
+            "largest_ever_mb": largest_mb() and round(largest_mb(), 1),
             "samples": [list(sample) for sample in self.samples],
         }
 
@@ -137,7 +148,8 @@ def _memory_line(memory: dict[str, Any]) -> str:
         return "not measured on this system"
     growth = memory["growth_mb_per_minute"]
     slope = "too short for a slope" if growth is None else f"{growth:+.2f} MB a minute in the second half"
-    return f"{memory['first_mb']:.0f} MB, at the end {memory['last_mb']:.0f}, peak {memory['peak_mb']:.0f}; {slope}"
+    ever = f"largest since the process began {memory['largest_ever_mb']:.0f}"
+    return f"{memory['first_mb']:.0f} MB, at the end {memory['last_mb']:.0f}, {ever}; {slope}"
 
 
 def _in_ms(durations: Durations) -> dict[str, float]:

@@ -52,13 +52,12 @@ def test_a_leak_is_the_slope_of_the_second_half(clock, monkeypatch):
 
 
 def test_where_memory_is_not_known_there_is_no_figure(monkeypatch):
-    monkeypatch.setattr(real_time, "resident_mb", lambda: None)
+    for known in ("resident_mb", "largest_mb"):
+        monkeypatch.setattr(real_time, known, lambda: None)
     memory = MemorySamples()
     memory.sample()
-    assert memory.as_json() == {
-        **dict.fromkeys(["first_mb", "last_mb", "peak_mb", "growth_mb_per_minute"]),
-        "samples": [],
-    }
+    none = dict.fromkeys(["first_mb", "last_mb", "peak_mb", "growth_mb_per_minute", "largest_ever_mb"])
+    assert memory.as_json() == {**none, "samples": []}
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
@@ -66,6 +65,7 @@ def test_resident_memory_counts_what_is_written_to():
     before, held = resident_mb(), bytearray(64 << 20)
     held[:: 1 << 12] = b"1" * len(held[:: 1 << 12])
     assert 60 < resident_mb() - before < 90
+    assert real_time.largest_mb() > before
 
 
 def test_the_table_has_a_row_for_every_stage_and_one_for_the_age(clock):
