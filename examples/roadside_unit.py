@@ -4,8 +4,9 @@
     python examples/roadside_unit.py --cfg cfgs/avp/cp_small.yaml --ckpt weights/cp_small.pth          another terminal
 
 With ``--runtime onnxruntime --exported DIR`` (or openvino) in place of ``--ckpt`` no torch is needed: docs/deploy.md.
-The sensors are a recording: the first frames of a data set's split, over and over. The vehicle replays the same ones.
-Where encoding takes longer than a tick, ticks are left out, and the rate that is printed says so.
+``examples/real_time.py`` starts both and measures them. The sensors are a recording: the first frames of a data set's
+split, over and over. The vehicle replays the same ones. Where encoding takes longer than a tick, ticks are left out,
+and the table at the end says how many. A unit that may be killed at any time is started again by the same command.
 
 A site with several units runs one process for each, every one with a number of its own: ``--unit 0``, ``--unit 1``. All
 replay the first roadside unit of the records, unless they are given another one
@@ -18,6 +19,7 @@ import argparse
 import signal
 import socket
 import time
+from contextlib import suppress
 from pathlib import Path
 
 from pcdet_avp.argument_types import non_negative_int, path, positive_float, positive_int
@@ -26,7 +28,10 @@ from pcdet_avp.datasets.avp.frames import find_frames
 from pcdet_avp.datasets.avp.prepare import PrepareConfig, prepare
 from pcdet_avp.datasets.avp.record import read_frame
 from pcdet_avp.engine.halves import Roadside, open_roadside
-from pcdet_avp.errors import ConfigError
+from pcdet_avp.engine.real_time import FRAME, RealTimeReport, table
+from pcdet_avp.errors import ConfigError, LinkError
+from pcdet_avp.files import write_json
+from pcdet_avp.freed_memory import keep_freed_memory
 from pcdet_avp.link import NrV2xConfig
 from pcdet_avp.link.header import MAX_SENDERS
 from pcdet_avp.runtime_arguments import add_runtime_arguments, check_runtime_arguments
@@ -34,6 +39,7 @@ from pcdet_avp.structures.frame import Frame
 from pcdet_avp.structures.sensor_set import SensorSet
 
 SENSORS = SensorSet(False, False, True, True)
+FRAME_IDS = 1 << 32  # a packet's frame number has 32 bits
 
 
 def parse_arguments() -> argparse.Namespace:
@@ -43,10 +49,12 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--unit", type=non_negative_int, default=0, help="number at the site, 0 to 65535 (default: 0)")
     parser.add_argument("--to", default="127.0.0.1:47020", metavar="HOST:PORT", help="where the vehicle listens")
     parser.add_argument("--seconds", type=positive_float, default=10.0, help="how long to send")
+    parser.add_argument("--wait", type=positive_float, default=60.0, help="end where nobody listens for so long (s)")
     parser.add_argument("--rate", type=positive_float, default=20.0, help="maps of a modality a second (default: 20)")
     parser.add_argument("--split", default="test")
     parser.add_argument("--frames", type=positive_int, default=8, help="length of the recording (default: 8 frames)")
     parser.add_argument("--budget", type=positive_int, default=72_000, help="bytes a map may take (default: 72000)")
+    parser.add_argument("--summary", type=path, metavar="FILE", help="write the figures here, too (JSON)")
     return parser.parse_args()
 
 
@@ -67,23 +75,86 @@ def recording(cfg, split: str, frames: int, sensors: SensorSet) -> list[tuple[di
     return [(prepare(frame, sensors, how), frame) for frame in read]
 
 
-def send(half: Roadside, frames: list[tuple[dict, Frame]], args: argparse.Namespace) -> None:
-    """One map of each modality a tick. A frame's number is that of its tick since 1970, so that it never falls back."""
-    receiver, ticks, total, first_s = address(args.to), 0, 0, time.time()
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-        while (now_s := time.time()) < first_s + args.seconds:
-            tick = int(now_s * args.rate)
-            sample, frame = frames[tick % len(frames)]
-            pose = frame.infra.world_from_agent
-            sent = half.segments(sample, tick % (1 << 32), int(1e6 * now_s), pose, args.unit)
-            for payloads in sent.values():
-                for payload in payloads:
-                    total += sender.sendto(payload, receiver)
-            ticks += 1
-            time.sleep(max(0.0, (tick + 1) / args.rate - time.time()))
-    seconds = time.time() - first_s
-    rates = f"{ticks / seconds:.1f} Hz, {8e-6 * total / seconds:.2f} Mbit/s"
-    print(f"unit {args.unit}: sent {ticks} frames in {seconds:.1f} s: {rates}")
+def frame_number(now_s: float, rate_hz: float) -> int:
+    """The number of the tick since 1970, which never falls back, as far as a packet holds it.
+
+    Both processes find the recording's frame by it.
+    """
+    return int(now_s * rate_hz) % FRAME_IDS
+
+
+class Sender:
+    """A UDP socket to the vehicle. A computer that is there, but has no one who listens, refuses (ICMP)."""
+
+    def __init__(self, to: str, wait_s: float) -> None:
+        self._to, self._wait_s = to, wait_s
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            self._socket.connect(address(to))
+        except OSError as error:
+            raise LinkError(f"--to {to}: no way there ({error.strerror})") from error
+        self.bytes, self.refused = 0, 0
+        self._heard, self._heard_s = False, time.monotonic()
+
+    def send(self, payloads: list[bytes]) -> None:
+        """All segments of a tick. LinkError where nobody has listened for ``wait_s``."""
+        self._take_refusal()  # of the tick before: it says nothing of this one
+        before = self.refused
+        for payload in payloads:
+            self._send(payload)
+        self._take_refusal()
+        if self.refused == before:
+            self._heard, self._heard_s = True, time.monotonic()
+        elif time.monotonic() - self._heard_s > self._wait_s:
+            raise LinkError(f"{self._nobody()} for {self._wait_s:g} s")
+
+    def check_heard(self) -> None:
+        """LinkError where nobody ever listened."""
+        if not self._heard:
+            raise LinkError(self._nobody())
+
+    def _send(self, payload: bytes) -> None:
+        """The refusal that is raised is an earlier segment's; this one is then still to be sent."""
+        try:
+            self.bytes += self._socket.send(payload)
+        except OSError:
+            self.refused += 1
+            with suppress(OSError):
+                self.bytes += self._socket.send(payload)
+
+    def _take_refusal(self) -> None:
+        self.refused += self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR) != 0
+
+    def _nobody(self) -> str:
+        return f"--to {self._to}: nobody listens there (is vehicle.py running, with this address?)"
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+def send(half: Roadside, frames: list[tuple[dict, Frame]], sender: Sender, report: RealTimeReport, args) -> None:
+    """One map of each modality a tick, until the time is over."""
+    report.clear()
+    until_s = time.time() + args.seconds
+    while (now_s := time.time()) < until_s:
+        number = frame_number(now_s, args.rate)
+        sample, frame = frames[number % len(frames)]
+        with report.times(FRAME):
+            sent = half.segments(sample, number, int(1e6 * now_s), frame.infra.world_from_agent, args.unit)
+            with report.times("send"):
+                sender.send([payload for payloads in sent.values() for payload in payloads])
+        report.tick(number)
+        time.sleep(max(0.0, (int(now_s * args.rate) + 1) / args.rate - time.time()))
+    sender.check_heard()
+
+
+def finish(report: RealTimeReport, sender: Sender, args: argparse.Namespace) -> None:
+    """The table, and the file if there is to be one."""
+    found = report.as_json(unit=args.unit, bytes_sent=sender.bytes, segments_refused=sender.refused)
+    print(*table(found), sep="\n")
+    print(f"unit {args.unit}: {8e-6 * sender.bytes / max(found['seconds'], 1e-9):.2f} Mbit/s", flush=True)
+    if args.summary:
+        write_json(args.summary, found)
 
 
 def main() -> None:
@@ -93,15 +164,23 @@ def main() -> None:
         raise ConfigError(f"--unit: expected a number below {MAX_SENDERS}, found {args.unit}")
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     check_runtime_arguments(args)
+    keep_freed_memory()
     cfg = load_arguments_config(args)
     frames = recording(cfg, args.split, args.frames, SENSORS)
-    half = open_roadside(args, cfg, NrV2xConfig().max_segment_bytes, args.budget)
+    report = RealTimeReport("roadside", args.runtime, args.rate)
+    half = open_roadside(args, cfg, NrV2xConfig().max_segment_bytes, args.budget, lambda stage: report.times(stage))
     half.segments(frames[0][0], 0, 0, frames[0][1].infra.world_from_agent)  # the first call compiles
+    sender = Sender(args.to, args.wait)
     print(
         f"unit {args.unit}: sending {len(frames)} frames of {args.split} to {args.to} for {args.seconds:g} s",
         flush=True,
     )
-    send(half, frames, args)
+    try:
+        send(half, frames, sender, report, args)
+    finally:
+        if report.done:
+            finish(report, sender, args)
+        sender.close()
 
 
 if __name__ == "__main__":

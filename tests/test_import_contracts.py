@@ -58,6 +58,7 @@ OPENING_FLOORS = (
     "datasets.avp.frames",
     "datasets.avp.prepare",
     "engine.halves",
+    "engine.real_time",
     "runtime_arguments",
 )
 

@@ -24,6 +24,7 @@ from pcdet_avp.registration import Registrar, RegistrationSettings, SteadyCorrec
 from pcdet_avp.registration.registrar import Received as ReceivedMap
 from pcdet_avp.structures.pose import Pose
 from pcdet_avp.structures.sensor_set import EGO_SOURCES, INFRA_SOURCES, SOURCES, modality_of
+from pcdet_avp.structures.stage_times import Stages, untimed
 
 Sample = Mapping[str, Any]
 
@@ -97,16 +98,20 @@ class RoadsideHalf:
         self, exported: Exported, runtime: Runtime, max_segment_bytes: int, budget_bytes: int | None = None
     ) -> None:
         """``budget_bytes``: what a map may take, everything counted; None: as many as it has."""
+        self.stages: Stages = untimed  # what each stage's work runs in
         self._network, self._graphs = exported.network, Graphs(exported, runtime, "roadside")
         self._encoders = Encoders(self._graphs, self._network, "infra")
         self._max_segment_bytes, self._budget_bytes = max_segment_bytes, budget_bytes
 
     def latents(self, sample: Sample) -> dict[str, np.ndarray]:
         """By source, the compressed map (c, h, w) of each roadside sensor that the sample has."""
-        return {
-            source: self.compress(self._encoders.encode(sample, source)[0], source)
-            for source in present_sources(sample, INFRA_SOURCES)
-        }
+        compressed = {}
+        for source in present_sources(sample, INFRA_SOURCES):
+            with self.stages(f"encode {source}"):
+                bev_map, _ = self._encoders.encode(sample, source)
+            with self.stages("compress"):
+                compressed[source] = self.compress(bev_map, source)
+        return compressed
 
     def compress(self, bev_map: np.ndarray, source: str) -> np.ndarray:
         """A map (1, C, H, W) -> what is sent of it, (c, h, w)."""
@@ -129,7 +134,8 @@ class RoadsideHalf:
         packed = {}
         for source, latent in self.latents(sample).items():
             stamp = MapStamp.at_pose(frame_id, time_us, modality_of(source), world_from_infra, sender)
-            packed[source] = self.pack(latent, stamp)
+            with self.stages("pack"):
+                packed[source] = self.pack(latent, stamp)
         return packed
 
 
@@ -146,6 +152,7 @@ class VehicleHalf:
     ) -> None:
         """``suppression``: thresholds instead of those that were exported. ``registration``: None or not enabled, maps
         stay where their poses place them; with ``follows_time``, corrections are smoothed from frame to frame."""
+        self.stages: Stages = untimed  # what each stage's work runs in
         self._network, self._graphs = exported.network, Graphs(exported, runtime, "vehicle")
         self._encoders = Encoders(self._graphs, self._network, "ego")
         self._suppression = suppression or self._network.suppression
@@ -177,17 +184,25 @@ class VehicleHalf:
 
     def post_process(self, outputs: Arrays) -> post_processing.Detected:
         """What ``detect`` makes of the head's raw outputs."""
-        return post_processing.detect(outputs, self._network.grid, self._network.head, self._suppression)
+        with self.stages("post-processing"):
+            return post_processing.detect(outputs, self._network.grid, self._network.head, self._suppression)
 
     def run(self, sample: Sample, received: Mapping[str, Received | Sequence[Received]]) -> Arrays:
         """The head's raw outputs; of the sample only the vehicle's sensors are read. SensorError without any map.
 
         ``received``: of every roadside source one map, or those of several units.
         """
-        maps = {source: self._encoders.encode(sample, source) for source in present_sources(sample, EGO_SOURCES)}
+        maps = {}
+        for source in present_sources(sample, EGO_SOURCES):
+            with self.stages(f"encode {source}"):
+                maps[source] = self._encoders.encode(sample, source)
         of_source = {source: [r] if isinstance(r, Received) else list(r) for source, r in received.items()}
-        for source, of_units in self._registered(maps, of_source).items():
-            maps[source] = merged([self.place(source, each) for each in of_units])
+        with self.stages("register"):
+            of_source = self._registered(maps, of_source)
+        for source, of_units in of_source.items():
+            placed = [self.place(source, each) for each in of_units]
+            with self.stages("merge units"):
+                maps[source] = merged(placed)
         if not maps:
             raise SensorError("fusion: no feature map from any of the four sources")
         return self.head(maps)
@@ -219,16 +234,22 @@ class VehicleHalf:
         inputs = {}
         for source in SOURCES:
             inputs[source], inputs[f"{source}_valid"] = maps.get(source, nothing)
-        x = self._graphs("fuse", **inputs)["spatial_features"]
-        return self._graphs("head", **self._graphs("backbone", spatial_features=x))
+        with self.stages("fuse"):
+            x = self._graphs("fuse", **inputs)["spatial_features"]
+        with self.stages("backbone"):
+            features = self._graphs("backbone", spatial_features=x)
+        with self.stages("head"):
+            return self._graphs("head", **features)
 
     def place(self, source: str, known: Received) -> tuple[np.ndarray, np.ndarray]:
         """A received map, decompressed, on the ego grid, and its mask."""
-        latent = np.where(known.present, known.values, np.float32(0))[None]
-        bev_map = self._graphs(f"decompress_{modality_of(source)}", latent=latent)["bev_map"]
-        valid = known.present.repeat(self._network.pooling, 0).repeat(self._network.pooling, 1)[None, None]
-        cells, weights = warp.neighbours(known.ego_from_sender, self._network.grid)
-        warped = self._graphs("warp", bev_map=bev_map, valid=valid, cells=cells, weights=weights)
+        with self.stages("decompress"):
+            latent = np.where(known.present, known.values, np.float32(0))[None]
+            bev_map = self._graphs(f"decompress_{modality_of(source)}", latent=latent)["bev_map"]
+        with self.stages("warp"):
+            valid = known.present.repeat(self._network.pooling, 0).repeat(self._network.pooling, 1)[None, None]
+            cells, weights = warp.neighbours(known.ego_from_sender, self._network.grid)
+            warped = self._graphs("warp", bev_map=bev_map, valid=valid, cells=cells, weights=weights)
         return warped["warped_map"], warped["warped_valid"]
 
 

@@ -17,6 +17,7 @@ from pcdet_avp.errors import ConfigError
 from pcdet_avp.link import LatentMap
 from pcdet_avp.models.export.opened import open_deployed
 from pcdet_avp.structures.pose import Pose
+from pcdet_avp.structures.stage_times import Stages, untimed
 
 Sample = Mapping[str, Any]
 logger = logging.getLogger(__name__)
@@ -42,18 +43,24 @@ class Vehicle(Protocol):
         ...
 
 
-def open_roadside(args: argparse.Namespace, cfg: Mapping, max_segment_bytes: int, budget_bytes: int) -> Roadside:
-    """The roadside's half for ``--runtime`` with ``--ckpt`` or ``--exported``."""
+def open_roadside(
+    args: argparse.Namespace, cfg: Mapping, max_segment_bytes: int, budget_bytes: int, stages: Stages = untimed
+) -> Roadside:
+    """The roadside's half for ``--runtime`` with ``--ckpt`` or ``--exported``; its stages' work runs in ``stages``."""
     if args.runtime != TORCH:
-        return open_deployed(args.exported, args.runtime, cfg).roadside(max_segment_bytes, budget_bytes)
-    return _RoadsideInTorch(_network(args, cfg), max_segment_bytes, budget_bytes)
+        half = open_deployed(args.exported, args.runtime, cfg).roadside(max_segment_bytes, budget_bytes)
+        half.stages = stages
+        return half
+    return _RoadsideInTorch(_network(args, cfg, stages), max_segment_bytes, budget_bytes)
 
 
-def open_vehicle(args: argparse.Namespace, cfg: Mapping) -> Vehicle:
-    """The vehicle's half for ``--runtime`` with ``--ckpt`` or ``--exported``."""
+def open_vehicle(args: argparse.Namespace, cfg: Mapping, stages: Stages = untimed) -> Vehicle:
+    """The vehicle's half for ``--runtime`` with ``--ckpt`` or ``--exported``; its stages' work runs in ``stages``."""
     if args.runtime != TORCH:
-        return open_deployed(args.exported, args.runtime, cfg).vehicle()
-    return _VehicleInTorch(_network(args, cfg))
+        half = open_deployed(args.exported, args.runtime, cfg).vehicle()
+        half.stages = stages
+        return half
+    return _VehicleInTorch(_network(args, cfg, stages))
 
 
 class _RoadsideInTorch:
@@ -87,7 +94,7 @@ def _batch_of(sample: Sample) -> dict:
     return load_batch(collate([dict(sample)]), "cpu")
 
 
-def _network(args: argparse.Namespace, cfg: Mapping) -> Any:
+def _network(args: argparse.Namespace, cfg: Mapping, stages: Stages) -> Any:
     """The network in torch, with the weights of ``--ckpt``."""
     if args.ckpt is None:
         raise ConfigError(f"--runtime {TORCH} needs --ckpt FILE")
@@ -96,4 +103,6 @@ def _network(args: argparse.Namespace, cfg: Mapping) -> Any:
     from pcdet_avp.engine.testing.run import load_network
 
     network_input = NetworkInput.from_config(cfg["DATA_CONFIG"], cfg["CLASS_NAMES"])
-    return load_network(cfg, args.ckpt, network_input, distributed.start(device="cpu"), logger)[0]
+    network = load_network(cfg, args.ckpt, network_input, distributed.start(device="cpu"), logger)[0]
+    network.stages = stages
+    return network

@@ -1,24 +1,16 @@
 """Which maps examples/vehicle.py fuses of those that it holds."""
 
-import importlib
-import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from pcdet_avp.link import MapStamp, Receiver, encode
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
-
 
 @pytest.fixture
-def vehicle(monkeypatch):
-    monkeypatch.syspath_prepend(str(EXAMPLES))
-    yield importlib.import_module("vehicle")
-    for name in ("vehicle", "roadside_unit"):
-        sys.modules.pop(name, None)
+def vehicle(example):
+    return example("vehicle")
 
 
 def receiver_of(*maps):

@@ -1,5 +1,6 @@
 """examples/: roadside units and a vehicle, processes that share nothing but a UDP port."""
 
+import json
 import os
 import re
 import runpy
@@ -96,6 +97,46 @@ def test_the_vehicle_fuses_what_two_units_send_and_goes_on_when_one_is_killed(st
     assert "Traceback" not in vehicle.communicate(timeout=60)[1]
 
 
+@pytest.mark.slow
+def test_the_vehicle_goes_on_alone_while_the_roadside_unit_is_killed_and_started_again(start, tmp_path):
+    place, summary = f"127.0.0.1:{free_port()}", tmp_path / "vehicle.json"
+    vehicle = start("vehicle", "--listen", place, "--seconds", 300, "--max_age", 5, "--summary", summary)
+
+    def line_with(words):
+        while words not in (line := vehicle.stdout.readline()):
+            assert line, vehicle.communicate()[1]
+
+    for _ in range(2):
+        roadside = start("roadside_unit", "--to", place, "--seconds", 300)
+        line_with("lost cells")
+        roadside.kill()
+        line_with("of the vehicle's sensors alone")
+    vehicle.terminate()
+    printed, errors = vehicle.communicate(timeout=60)
+    assert "Traceback" not in errors
+    assert "p99" in printed  # the table of what was done until then
+    found = json.loads(summary.read_text())
+    assert found["ticks"]["done"] >= 2
+    assert found["frames_alone"] >= 2
+    assert {"encode ego_camera", "warp", "fuse", "backbone", "head", "post-processing"} <= set(found["stages"])
+
+
+@pytest.mark.slow
+def test_the_demonstration_writes_the_figures_of_both_halves(tiny_data, weights, tmp_path):
+    words = [sys.executable, ROOT / "examples" / "real_time.py", "--cfg", CFG, "--ckpt", weights, "--minutes", 0.1]
+    words += ["--frames", 1, "--out", tmp_path / "figures.json", "--set", "DATA_CONFIG.DATA_PATH", tiny_data]
+    where = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run([str(w) for w in words], env=where, capture_output=True, text=True, check=False, timeout=500)
+    assert done.returncode == 0, done.stderr
+    found = json.loads((tmp_path / "figures.json").read_text())
+    assert found["vehicle"]["ticks"]["done"] <= found["roadside_unit"]["ticks"]["done"]
+    assert {"encode infra_camera", "encode infra_lidar", "compress", "pack", "send", "whole frame"} == set(
+        found["roadside_unit"]["stages"]
+    )
+    assert found["vehicle"]["age_ms"]["p50"] > 0
+    assert "of the frames sent" in done.stdout
+
+
 @pytest.fixture
 def complaint(tiny_data, weights, monkeypatch, capsys):
     """``complaint(role, *arguments)``: exit status and errors of one of the two, run in this process."""
@@ -123,9 +164,10 @@ def test_what_is_wrong_is_one_line(complaint):
             "expected HOST:PORT, found 'here'": ("roadside_unit", "--to", "here"),
             "--unit: expected a number below 65536, found 65536": ("roadside_unit", "--unit", 65_536),
             "no segment at all; is roadside_unit.py running": ("vehicle", "--listen", f"127.0.0.1:{free_port()}"),
+            "nobody listens there (is vehicle.py running": ("roadside_unit", "--to", f"127.0.0.1:{free_port()}"),
         }
         for words, command in wrong.items():
-            status, errors = complaint(*command, *(["--wait", 0.2] if command[0] == "vehicle" else []))
+            status, errors = complaint(*command, "--wait", 0.2)
             assert status == 2
             assert words in errors
             assert len(errors.strip().splitlines()) == 1

@@ -1,6 +1,8 @@
-"""tools/export.py from the command line to the benchmark without torch."""
+"""tools/export.py from the command line to the benchmark, and to an episode, without torch."""
 
+import csv
 import json
+import shutil
 import sys
 
 import pytest
@@ -83,3 +85,37 @@ def test_the_benchmark_without_torch_is_near_torchs(call, to_export, exported, t
             for overlap, ap in theirs[name]["overall"].items():
                 assert mine[name]["overall"][overlap] == pytest.approx(ap, abs=0.5)
     assert [*tmp_path.glob("output/*/smallest/default/eval/tiny/test/onnxruntime_wire/result.json")]
+
+
+DRIVING = {"Car": 0.999, "Pedestrian": 0.999}  # the network is random: the vehicle drives on, as a blind one does
+
+
+@pytest.fixture
+def drive(call, to_export, tmp_path):
+    """``drive(out, *weights)``: the only row of an episode that the network watches."""
+    cautious = checkpoint.read_checkpoint(to_export.path) | {"score_thresholds": DRIVING}
+    checkpoint.save(tmp_path / "driving.pth", cautious)
+
+    def run(out, *weights):
+        how = ("--scenario", "t_junction", "--combos", "C+CL", "--speeds", 9, "--trials", 1, "--workers", 1)
+        call(safety_eval, *how, "--perception", "model", "--out", tmp_path / out, *weights)
+        with (tmp_path / out / "episodes.csv").open() as file:
+            (row,) = [row for row in csv.DictReader(file) if row["perception"] == "model"]
+        return row
+
+    return run
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("runtime", ["onnxruntime", "openvino"])
+def test_an_episode_without_torch_is_torchs(drive, exported, tmp_path, runtime):
+    pytest.importorskip(runtime)
+    folder = shutil.copytree(exported, tmp_path / "driving")
+    manifest = json.loads((folder / "manifest.json").read_text())
+    (folder / "manifest.json").write_text(json.dumps(manifest | {"score_thresholds": DRIVING}))
+    ours = drive("ours", "--runtime", runtime, "--exported", folder)
+    theirs = drive("theirs", "--ckpt", tmp_path / "driving.pth")
+    sizes = [float(row.pop("message_bytes")) for row in (ours, theirs)]
+    assert ours == theirs
+    assert int(ours["messages"]) > 20
+    assert sizes[0] == pytest.approx(sizes[1], rel=0.02)

@@ -21,6 +21,7 @@ from pcdet_avp.models.weights.agreement import NetworkMeaning
 from pcdet_avp.registration import RegistrationSettings
 from pcdet_avp.registry import DETECTORS
 from pcdet_avp.structures.sensor_set import EGO_SOURCES, INFRA_SOURCES, SOURCES, modality_of
+from pcdet_avp.structures.stage_times import untimed
 
 Link = Callable[[dict], dict]
 
@@ -39,9 +40,11 @@ class AvpCp(LoadableDetector):
     One set of weights serves any non-empty subset of the four sources, sample by sample (``source_present``).
     ``link`` maps the roadside's latents, by source, to what the vehicle received of them: whoever sends real bytes
     puts the wire there. ``recompute_encoders``: training keeps no activations of the encoders (``models.recompute``).
+    ``stages``: what each stage's work runs in (``structures.stage_times``); on a GPU it sees when work is handed over.
     """
 
     recompute_encoders = False
+    stages = staticmethod(untimed)
 
     def __init__(self, model_cfg: Any, num_class: int, dataset: Any) -> None:
         super().__init__()
@@ -77,7 +80,9 @@ class AvpCp(LoadableDetector):
 
     def encode_roadside(self, batch_dict: dict) -> dict[str, Latent]:
         """What the roadside sends, by source; of the batch only the roadside's sensors and poses are read."""
-        return self.codec.compress(self.encode(batch_dict, INFRA_SOURCES))["latents"]
+        batch_dict = self.encode(batch_dict, INFRA_SOURCES)
+        with self.stages("compress"):
+            return self.codec.compress(batch_dict)["latents"]
 
     def encode_vehicle(self, batch_dict: dict) -> dict:
         """The batch with the vehicle's own maps; of the batch only the vehicle's sensors are read."""
@@ -88,11 +93,16 @@ class AvpCp(LoadableDetector):
 
         Where MODEL.REGISTRATION is on, except in training, the received maps are registered first.
         """
-        if not self.training:
-            batch_dict = self.registration(batch_dict)
-        for stage in (self.codec.decompress, self.warp, merge_units, self.fuser, self.backbone_2d, self.dense_head):
-            batch_dict = stage(batch_dict)
+        for name, stage in self._behind_the_link():
+            with self.stages(name):
+                batch_dict = stage(batch_dict)
         return batch_dict
+
+    def _behind_the_link(self) -> Iterator[tuple[str, Callable[[dict], dict]]]:
+        if not self.training:
+            yield "register", self.registration
+        yield from (("decompress", self.codec.decompress), ("warp", self.warp), ("merge units", merge_units))
+        yield from (("fuse", self.fuser), ("backbone", self.backbone_2d), ("head", self.dense_head))
 
     def _on_the_air(self, batch_dict: dict) -> dict:
         """The roadside's latents; in training, some of them without some of their segments."""
@@ -114,7 +124,8 @@ class AvpCp(LoadableDetector):
         encoder = self.encoder_of(source)
         if self.recompute_encoders and torch.is_grad_enabled():
             return recomputed(encoder, batch_dict, source)
-        return encoder(batch_dict, source)
+        with self.stages(f"encode {source}"):
+            return encoder(batch_dict, source)
 
     def encoder_of(self, source: str) -> nn.Module:
         """The encoder of a source: its own, or the one that both agents share."""

@@ -44,7 +44,8 @@ class RoadsideHalf:
         latents, stamped = self._model.encode_roadside(batch_dict), {}
         for source, latent in latents.items():
             stamp = MapStamp.at_pose(frame_id, time_us, modality_of(source), world_from_infra, sender)
-            stamped[source] = self._packer.pack(latent.values[0], stamp)
+            with self._model.stages("pack"):
+                stamped[source] = self._packer.pack(latent.values[0], stamp)
         return stamped
 
 
@@ -67,7 +68,9 @@ class VehicleHalf:
     @torch.no_grad()
     def detect(self, batch_dict: dict, world_from_ego: Pose, maps: Collection[LatentMap]) -> dict[str, torch.Tensor]:
         """pred_boxes (n, 7), pred_scores (n,), pred_labels (n,) in the ego frame."""
-        return self._model.post_processing(self.run(batch_dict, world_from_ego, maps))[0][0]
+        outputs = self.run(batch_dict, world_from_ego, maps)
+        with self._model.stages("post-processing"):
+            return self._model.post_processing(outputs)[0][0]
 
     @torch.no_grad()
     def run(self, batch_dict: dict, world_from_ego: Pose, maps: Collection[LatentMap]) -> dict:

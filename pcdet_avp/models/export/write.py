@@ -25,6 +25,7 @@ from pcdet_avp.files import make_folder, write_bytes, write_json
 from pcdet_avp.models.cpu_kernels.dispatch import plain_operations
 from pcdet_avp.models.export.describe import describe
 from pcdet_avp.models.export.pieces import Piece, pieces
+from pcdet_avp.models.export.quantise import FLOAT32, Calibration, quantise_convolutions
 
 OPSET = 20  # 21 brings a GroupNormalization of its own, which onnxruntime computes an eighth slower
 LIBRARIES = ("onnx", "onnxscript", "onnxruntime")
@@ -37,11 +38,13 @@ def export_network(
     image_shape: Sequence[int],
     folder: Path,
     facts: Mapping[str, Any],
+    calibration: Calibration | None = None,
 ) -> list[str]:
     """Write both halves of a network to a folder; the names of the files.
 
     ``facts`` go into the manifest. Every graph is run once in onnxruntime and compared with its module. ExportError
-    where that fails, where a library is missing, or where the network has a stage that has no form.
+    where that fails, where a library is missing, or where the network has a stage that has no form. With
+    ``calibration`` the convolutions are int8 (see ``quantise``).
     """
     _check_libraries()
     _check_free(folder)
@@ -52,7 +55,8 @@ def export_network(
             content = graph_of(piece)
             error = compare(piece, content)
             write_bytes(aside / piece.file, content)
-            files[piece.file] = {"sha256": sha256(content), "bytes": len(content), "largest_error": error}
+            about = {"sha256": sha256(content), "bytes": len(content), "precision": FLOAT32}
+            files[piece.file] = {**about, "largest_error": error}
         about = {
             "format": FORMAT,
             "package": f"pcdet_avp {pcdet_avp.__version__}",
@@ -61,6 +65,8 @@ def export_network(
         }
         content = {**about, **facts, "image_shape": list(image_shape), "network": network.as_json(), "files": files}
         write_json(aside / MANIFEST, {**content, "meaning": dict(model.meaning.values)})
+        if calibration is not None:
+            quantise_convolutions(aside, calibration)
     return [*files, MANIFEST]
 
 
