@@ -10,7 +10,7 @@ import numpy as np
 
 from pcdet_avp.files import write_json, write_text
 from pcdet_avp.placement.figures import front_figure, heat_map, units_figure
-from pcdet_avp.placement.front import Placement, Sight, Solved
+from pcdet_avp.placement.front import Option, Placement, Sight, Solved
 from pcdet_avp.placement.pictures import furnished_world, picture
 from pcdet_avp.sim.plans.floor import Unit
 from pcdet_avp.visualization.page import Comparison, Page, Picture, Section, Table, render
@@ -61,11 +61,16 @@ def _member(sight: Sight, placement: Placement, speeds: tuple[float, float] | No
         "safe_speed": speeds and speeds[0],
         "safe_speed_one_dead": speeds and speeds[1],
         "bytes_per_s": sum(sight.models.bytes_per_s(option.sensors) for option in placement.options),
-        "units": [_unit(sight, *each) for each in zip(placement.options, sight.units(placement.options), strict=True)],
+        "units": unit_entries(sight, placement.options),
     }
 
 
-def _unit(sight: Sight, option, unit: Unit) -> dict[str, Any]:
+def unit_entries(sight: Sight, options: Sequence[Option]) -> list[dict[str, Any]]:
+    """The roadside units of some options as in placement.json: metres, degrees, the plan's frame."""
+    return [_unit(sight, *each) for each in zip(options, sight.units(options), strict=True)]
+
+
+def _unit(sight: Sight, option: Option, unit: Unit) -> dict[str, Any]:
     mount = sight.site.mounts[sight.looks[option.look].mount]
     angles = {"yaw_deg": float(np.degrees(unit.yaw) % 360), "pitch_down_deg": float(np.degrees(unit.pitch_down))}
     place = {"x_m": unit.x, "y_m": unit.y, "height_m": unit.z}
