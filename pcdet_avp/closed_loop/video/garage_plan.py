@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from pcdet_avp.closed_loop.video.floor_plan import floor_canvas, ground, markings
 from pcdet_avp.sim.garage import LANE_WIDTH_M, SLOT_DEPTH_M, SLOT_WIDTH_M, GarageLayout
+from pcdet_avp.sim.plans.floor import FloorLayout
 from pcdet_avp.structures.boxes import bev_corners
 from pcdet_avp.visualization.draw import BevCanvas
 
+FAR_RIGHT_Y_M = -22.0  # what windows of drawn garages show to the right of the road
 MARGIN_M = 60.0  # beyond the plan, so that every window lies on the canvas
 ASPHALT, PAINT, CONCRETE, PARKED, PARKED_EDGE = (
     (40, 41, 44),
@@ -19,26 +22,44 @@ ASPHALT, PAINT, CONCRETE, PARKED, PARKED_EDGE = (
 DASH_M, DASH_EVERY_M, PAINT_M = 1.5, 4.5, 0.1
 
 
-def garage_plan(layout: GarageLayout, parked: np.ndarray, px_per_m: float) -> BevCanvas:
-    """A canvas (world frame) of the whole plan with parked vehicles (N, 7)."""
-    far_y = LANE_WIDTH_M + SLOT_DEPTH_M
-    canvas = BevCanvas(
-        layout.road_start_x - MARGIN_M,
-        layout.side_road_end_y - MARGIN_M / 2,
-        layout.road_end_x + MARGIN_M,
-        far_y + MARGIN_M / 2,
-        px_per_m,
-    )
-    for rectangle in _floors(layout):
-        canvas.fill(_corners(*rectangle), ASPHALT)
-    for rectangle in _markings(layout):
-        canvas.fill(_corners(*rectangle), PAINT)
+def garage_plan(layout: GarageLayout | FloorLayout, parked: np.ndarray, px_per_m: float) -> BevCanvas:
+    """A canvas (world frame) of the whole garage with parked vehicles (N, 7)."""
+    if isinstance(layout, FloorLayout):
+        canvas = floor_canvas(layout.floor, px_per_m)
+        asphalt, paint = ground(layout.floor), markings(layout.floor)
+    else:
+        canvas = _canvas(layout, px_per_m)
+        asphalt, paint = ([_corners(*each) for each in part] for part in (_floors(layout), _markings(layout)))
+    for color, polygons in ((ASPHALT, asphalt), (PAINT, paint)):
+        for corners in polygons:
+            canvas.fill(corners, color)
     for corners in bev_corners(layout.solid_boxes()):
         canvas.fill(corners, CONCRETE)
     for corners in bev_corners(parked):
         canvas.fill(corners, PARKED)
         canvas.polygon(corners, PARKED_EDGE)
     return canvas
+
+
+def window_end_x(layout: GarageLayout | FloorLayout) -> float:
+    """How far ahead (m, world) a window of the canvas goes: to the wall behind the mast; on a plan's floor anywhere."""
+    return float("inf") if isinstance(layout, FloorLayout) else layout.road_end_x + 2.0
+
+
+def window_right_y(layout: GarageLayout | FloorLayout, height_m: float) -> float:
+    """The lowest y (m, world) of a window so high: drawn garages have all that matters to the right of the road, on a
+    plan's floor vehicles come from either side."""
+    return -height_m / 2 if isinstance(layout, FloorLayout) else FAR_RIGHT_Y_M
+
+
+def _canvas(layout: GarageLayout, px_per_m: float) -> BevCanvas:
+    return BevCanvas(
+        layout.road_start_x - MARGIN_M,
+        layout.side_road_end_y - MARGIN_M / 2,
+        layout.road_end_x + MARGIN_M,
+        LANE_WIDTH_M + SLOT_DEPTH_M + MARGIN_M / 2,
+        px_per_m,
+    )
 
 
 def _floors(layout: GarageLayout) -> list[tuple[float, float, float, float]]:
