@@ -31,8 +31,8 @@ from pcdet_avp.placement.settings import PlacementSettings
 from pcdet_avp.placement.study import all_speeds, all_views, claim_folder
 from pcdet_avp.placement.visibility import Study, site_of
 from pcdet_avp.provenance import provenance
-from pcdet_avp.sim.plans.floor import Unit
 from pcdet_avp.sim.plans.read import read_plan
+from pcdet_avp.structures.roadside_unit import MountedUnit
 
 CONFIG, PLACED = "cfgs/placement.yaml", "placed.yaml"
 
@@ -99,7 +99,7 @@ def drive_members(args, study: Study, sight: Sight, kept: list[Placement], out: 
     return {member: (found[k, "all"], found[k, "dead"]) for k, member in enumerate(members)}
 
 
-def _jobs(args, study: Study, scenarios: tuple[str, ...], name: str, units: tuple[Unit, ...]) -> list[SpeedJob]:
+def _jobs(args, study: Study, scenarios: tuple[str, ...], name: str, units: tuple[MountedUnit, ...]) -> list[SpeedJob]:
     """All trials of one placement."""
     how = study.settings.sensors, study.settings.vehicle, tuple(args.speeds)
     trials = range(args.trials)

@@ -21,10 +21,10 @@ def test_a_placed_plan_reads_back(tmp_path):
     file = write_placed_plan(tmp_path / "placed.yaml", PLAN, "D1", UNITS)
     (floor,), old = read_plan(file).floors, floor_of("low_deck")
     first, second = floor.units
-    assert (first.id, first.x, first.y, first.z) == ("U1", 30.0, 1.5, 2.25)
+    assert (first.id, first.x_m, first.y_m, first.z_m) == ("U1", 30.0, 1.5, 2.25)
     assert (first.camera, first.lidar, second.camera, second.lidar) == (False, True, True, True)
     assert [mount.id for mount in floor.mounts] == ["ramp_top", "south_west", "north_middle", "U1", "south_east"]
-    assert second.x == 10.0  # the mount of that name is now where the placement says
+    assert second.x_m == 10.0  # the mount of that name is now where the placement says
     assert replace(floor, units=old.units, mounts=old.mounts) == old
 
 
