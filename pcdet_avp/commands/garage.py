@@ -20,8 +20,9 @@ from pcdet_avp.placement.drawing import floor_figure, save_figure
 from pcdet_avp.placement.pictures import furnished_world, picture
 from pcdet_avp.placement.sensors import pitch_by_height
 from pcdet_avp.sim.plans.check import problems
-from pcdet_avp.sim.plans.floor import Floor, Mount, Plan, Unit
+from pcdet_avp.sim.plans.floor import Floor, Mount, Plan
 from pcdet_avp.sim.plans.read import parse_plan
+from pcdet_avp.structures.roadside_unit import MountedUnit
 from pcdet_avp.visualization.video import write_picture
 
 
@@ -79,13 +80,13 @@ def draw(plan: Plan, floor: Floor, out: Path, occupancy: float) -> None:
         print(f"wrote {file}")
 
 
-def looks(floor: Floor) -> list[Unit]:
+def looks(floor: Floor) -> list[MountedUnit]:
     """A camera at every mount for every yaw that it names; along the nearest lane where it names none."""
     units = []
     for mount in floor.mounts:
         for yaw in mount.yaws or (lane_yaw(floor, mount),):
             name = f"mount_{mount.id}_{np.degrees(yaw) % 360:.0f}"
-            units.append(Unit(name, mount.x, mount.y, mount.z, yaw, pitch_by_height(mount.z)))
+            units.append(MountedUnit(mount.x, mount.y, mount.z, yaw, pitch_by_height(mount.z), id=name))
     return units
 
 

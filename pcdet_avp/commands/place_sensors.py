@@ -1,6 +1,7 @@
 """``avp-place``: where the sensors of a garage should hang, and how fast a car may then drive.
 
-Writes placement.json and index.html; the same command goes on where it stopped.
+Writes placement.json, index.html and placed.yaml, the plan with the recommended units; the same command goes on where
+it stopped.
 """
 
 from __future__ import annotations
@@ -23,16 +24,17 @@ from pcdet_avp.cli import run_tool
 from pcdet_avp.config import load_config, plain
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.placement.front import Placement, Sight, front, solve, without
-from pcdet_avp.placement.report import Speeds, results, write_report
+from pcdet_avp.placement.placed_plan import write_placed_plan
+from pcdet_avp.placement.report import Speeds, recommended, results, unit_entries, write_report
 from pcdet_avp.placement.safe_speed import SPEEDS_MPS, SpeedJob, safe_speed, scenarios_of
 from pcdet_avp.placement.settings import PlacementSettings
 from pcdet_avp.placement.study import all_speeds, all_views, claim_folder
 from pcdet_avp.placement.visibility import Study, site_of
 from pcdet_avp.provenance import provenance
-from pcdet_avp.sim.plans.floor import Unit
 from pcdet_avp.sim.plans.read import read_plan
+from pcdet_avp.structures.roadside_unit import MountedUnit
 
-CONFIG = "cfgs/placement.yaml"
+CONFIG, PLACED = "cfgs/placement.yaml", "placed.yaml"
 
 
 def parse_arguments() -> argparse.Namespace:
@@ -79,6 +81,8 @@ def main() -> None:
     for each in content["solved"]:
         shares = ", ".join(f"{key} {100 * each[key]:.1f} %" for key in ("greedy", "best", "bound", "gap"))
         print(f"{each['units']} units with {each['sensors']}: {shares} (by {each['method']})")
+    units = unit_entries(sight, recommended(kept, speeds).options)
+    print(f"wrote {write_placed_plan(out / PLACED, plan.file, floor, units)}")
     print(f"wrote {write_report(out, content, sight, placements, kept, speeds)}")
 
 
@@ -95,7 +99,7 @@ def drive_members(args, study: Study, sight: Sight, kept: list[Placement], out: 
     return {member: (found[k, "all"], found[k, "dead"]) for k, member in enumerate(members)}
 
 
-def _jobs(args, study: Study, scenarios: tuple[str, ...], name: str, units: tuple[Unit, ...]) -> list[SpeedJob]:
+def _jobs(args, study: Study, scenarios: tuple[str, ...], name: str, units: tuple[MountedUnit, ...]) -> list[SpeedJob]:
     """All trials of one placement."""
     how = study.settings.sensors, study.settings.vehicle, tuple(args.speeds)
     trials = range(args.trials)

@@ -31,9 +31,8 @@ from pcdet_avp.closed_loop.sweep.arguments import sweep_meta, sweep_of
 from pcdet_avp.closed_loop.sweep.summary import crash_text, summary, write_results
 from pcdet_avp.closed_loop.sweep.sweep import Sweep, run_sweep
 from pcdet_avp.closed_loop.video.video_sweep import write_sweep_videos
-from pcdet_avp.errors import ConfigError
 from pcdet_avp.runtime_arguments import add_runtime_arguments
-from pcdet_avp.sim.scenarios.table import ON_PLAN, SCENARIOS
+from pcdet_avp.sim.scenarios.table import ON_PLAN, SCENARIOS, file_name
 
 SPEEDS_MPS = (3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0)
 
@@ -71,8 +70,6 @@ def main() -> None:
     args, started = parse_arguments(), time.time()
     if args.plan:
         args.scenario = f"{args.scenario}{ON_PLAN}{args.plan}"
-    if args.video and ON_PLAN in args.scenario:
-        raise ConfigError(f"--video: films show the drawn garages alone, not a plan's; found {args.scenario}")
     sweep = sweep_of(args, Path("cfgs", "closed_loop.yaml"))
     if args.certify:
         certify(args, sweep, started)
@@ -82,7 +79,7 @@ def main() -> None:
 
 def certify(args: argparse.Namespace, sweep: Sweep, started: float) -> None:
     """Certificate, its page, and the episodes that count."""
-    out = args.out or Path("output", "certificate", f"{_folder(sweep.scenario)}_{sweep.perception}")
+    out = args.out or Path("output", "certificate", f"{file_name(sweep.scenario)}_{sweep.perception}")
     asked = certification(sweep, args)
     finished = run_certification(asked, out, args.workers, args.scheduler, args.max_minutes)
     meta = sweep_meta(args, asked.sweep, started)
@@ -94,7 +91,7 @@ def certify(args: argparse.Namespace, sweep: Sweep, started: float) -> None:
 
 def fill_tables(args: argparse.Namespace, sweep: Sweep, started: float) -> None:
     """Crash tables, their report, and videos where they are asked for."""
-    out = args.out or Path("output", "safety_eval", f"{_folder(sweep.scenario)}_{sweep.perception}")
+    out = args.out or Path("output", "safety_eval", f"{file_name(sweep.scenario)}_{sweep.perception}")
     finished = run_sweep(sweep, out, args.workers, args.scheduler)
     write_results(out, finished, sweep_meta(args, sweep, started))
     rows = [finished[case][0] for case in sorted(finished) if case.scenario == sweep.scenario]
@@ -110,12 +107,6 @@ def fill_tables(args: argparse.Namespace, sweep: Sweep, started: float) -> None:
         print(f"wrote {file}")
     for file in write_sweep_videos(sweep, finished, out / "videos") if args.video else ():
         print(f"wrote {file}")
-
-
-def _folder(scenario: str) -> str:
-    """A scenario's name as a folder's: with the plan's name where it plays on one."""
-    short, _, plan = scenario.partition(ON_PLAN)
-    return f"{short}_{Path(plan).stem}" if plan else short
 
 
 run = partial(run_tool, main)

@@ -12,25 +12,31 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 from pcdet_avp.files import write_bytes
-from pcdet_avp.sim.plans.floor import Floor, Unit, path_boxes
+from pcdet_avp.sim.plans.floor import Floor, Mount, Road
+from pcdet_avp.sim.plans.paths import path_boxes
 from pcdet_avp.structures.boxes import bev_corners
+from pcdet_avp.structures.roadside_unit import MountedUnit
 
 INCH_PER_M, LEAST_INCH = 0.13, 6.0
 ROAD, SLOT, SOLID, LANE, MOUNT, UNIT = "#e3e6ea", "#ffffff", "#59616b", "#aab2bd", "#1f6fb2", "#c2410c"
+CLEAR_M = 5.0  # between the names of roads and mounts
 FIELD_M = 5.0  # length of a unit's wedge
 
 
-def floor_figure(floor: Floor, units: Sequence[Unit] | None = None, title: str = "") -> tuple[Figure, Axes]:
+def floor_figure(floor: Floor, units: Sequence[MountedUnit] | None = None, title: str = "") -> tuple[Figure, Axes]:
     """The plan of a floor with its mounts and the given roadside units (its own by default); axes in metres."""
     x0, y0, x1, y1 = floor.outline()
     width = max((x1 - x0 + 4) * INCH_PER_M, LEAST_INCH)
     figure = Figure(figsize=(width, (y1 - y0 + 4) * width / (x1 - x0 + 4) + 0.7), layout="constrained")
     axes = figure.add_subplot()
     _ground(axes, floor)
+    units = floor.units if units is None else units
+    named = {(unit.x_m, unit.y_m) for unit in units}
     for mount in floor.mounts:
         axes.plot(mount.x, mount.y, marker="s", ms=5, mfc="none", mec=MOUNT, zorder=6)
-        axes.annotate(mount.id, (mount.x, mount.y), (4, 4), textcoords="offset points", fontsize=6, color=MOUNT)
-    for unit in floor.units if units is None else units:
+        if (mount.x, mount.y) not in named:
+            axes.annotate(mount.id, (mount.x, mount.y), (4, 4), textcoords="offset points", fontsize=6, color=MOUNT)
+    for unit in units:
         draw_unit(axes, unit)
     axes.set(aspect="equal", xlabel="x (m)", ylabel="y (m)", title=title)
     axes.set_xlim(x0 - 2, x1 + 2)
@@ -52,8 +58,15 @@ def _ground(axes: Axes, floor: Floor) -> None:
                 way = {"arrowstyle": "->", "color": LANE, "lw": 0.9}
                 end = x + 1.8 * np.cos(yaw), y + 1.8 * np.sin(yaw)
                 axes.annotate("", end, (x, y), arrowprops=way, zorder=3)
-        middle = road.path.at(road.path.length / 2)
-        axes.annotate(road.id, middle[:2], fontsize=6, color=SOLID, ha="center", va="center", zorder=5)
+        place = _name_place(road, floor.mounts)
+        axes.annotate(road.id, place, fontsize=6, color=SOLID, ha="center", va="center", zorder=5)
+
+
+def _name_place(road: Road, mounts: Sequence[Mount]) -> tuple[float, float]:
+    """Where a road's name stands: in its middle, or the nearest of some places where no mount's name is in its way."""
+    places = [road.path.at(share * road.path.length)[:2] for share in (0.5, 0.4, 0.6, 0.3, 0.7)]
+    free = [place for place in places if all(np.hypot(m.x - place[0], m.y - place[1]) > CLEAR_M for m in mounts)]
+    return (free or places)[0]
 
 
 def polygons(axes: Axes, boxes: np.ndarray, values: np.ndarray | None = None, **style) -> PolyCollection:
@@ -81,13 +94,13 @@ def lane_strips(floor: Floor) -> list[tuple[str, float, np.ndarray]]:
     return strips
 
 
-def draw_unit(axes: Axes, unit: Unit, color: str = UNIT, half_angle: float = np.pi / 4) -> None:
+def draw_unit(axes: Axes, unit: MountedUnit, color: str = UNIT, half_angle: float = np.pi / 4) -> None:
     """A roadside unit as a dot and the wedge in which it looks."""
-    angles = unit.yaw + np.linspace(-half_angle, half_angle, 12)
-    rim = np.stack([unit.x + FIELD_M * np.cos(angles), unit.y + FIELD_M * np.sin(angles)], 1)
-    axes.fill(*np.vstack([[unit.x, unit.y], rim]).T, color=color, alpha=0.25, lw=0, zorder=5)
-    axes.plot(unit.x, unit.y, marker="o", ms=6, color=color, zorder=7)
-    axes.annotate(unit.id, (unit.x, unit.y), (5, -9), textcoords="offset points", fontsize=7, color=color, zorder=7)
+    angles = unit.yaw_rad + np.linspace(-half_angle, half_angle, 12)
+    rim = np.stack([unit.x_m + FIELD_M * np.cos(angles), unit.y_m + FIELD_M * np.sin(angles)], 1)
+    axes.fill(*np.vstack([[unit.x_m, unit.y_m], rim]).T, color=color, alpha=0.25, lw=0, zorder=5)
+    axes.plot(unit.x_m, unit.y_m, marker="o", ms=6, color=color, zorder=7)
+    axes.annotate(unit.id, (unit.x_m, unit.y_m), (5, -9), textcoords="offset points", fontsize=7, color=color, zorder=7)
 
 
 def save_figure(figure: Figure, file: Path, dpi: int = 130) -> Path:

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from pcdet_avp.placement.drawing import draw_unit, floor_figure, lane_strips, polygons, save_figure
 from pcdet_avp.placement.front import Placement, Sight
-from pcdet_avp.sim.plans.floor import Unit
+from pcdet_avp.structures.roadside_unit import MountedUnit
 
 HEAT = "YlOrRd"
 NEAR_M = 1.5  # a metre of lane answers for the passes so near to it
@@ -51,7 +51,7 @@ def _blind_by_pass(sight: Sight, covered: np.ndarray) -> np.ndarray:
     return hidden.sum((0, 2)) / np.maximum(real.sum(1) * len(sight.hidden), 1)
 
 
-def heat_map(sight: Sight, covered: np.ndarray, units: Sequence[Unit], title: str, file: Path) -> Path:
+def heat_map(sight: Sight, covered: np.ndarray, units: Sequence[MountedUnit], title: str, file: Path) -> Path:
     """Blind spots per metre of lane and per slot."""
     figure, axes = floor_figure(sight.site.floor, (), title)
     boxes, by_metre = blind_by_metre(sight, covered)
@@ -100,7 +100,7 @@ def _points(placements: Sequence[Placement], name: str) -> tuple[list[float], li
     return [p.cost / 1000 for p in placements], [100 * getattr(p, name) for p in placements]
 
 
-def units_figure(sight: Sight, units: Sequence[Unit], title: str, file: Path) -> Path:
+def units_figure(sight: Sight, units: Sequence[MountedUnit], title: str, file: Path) -> Path:
     """Where the units of a placement hang, among all candidate places."""
     figure, axes = floor_figure(sight.site.floor, units, title)
     axes.plot(*sight.site.mount_xyz[:, :2].T, ".", color="#7aa7d9", ms=3, zorder=5)

@@ -16,7 +16,7 @@ from pcdet_avp.placement.choice import Answer, Coverage, choose, exchanged, gree
 from pcdet_avp.placement.sensors import SET_NAMES, SensorModels
 from pcdet_avp.placement.spots import RAYS
 from pcdet_avp.placement.visibility import Look, OccupancyView, Site, find_looks, whole_counts
-from pcdet_avp.sim.plans.floor import Unit
+from pcdet_avp.structures.roadside_unit import MountedUnit
 
 FAMILIES = (*SET_NAMES, "any")  # of units with one set of sensors; mixed
 
@@ -89,14 +89,14 @@ class Sight:
             seen |= self.sees(option.look, option.sensors)
         return seen
 
-    def units(self, options: Sequence[Option]) -> tuple[Unit, ...]:
+    def units(self, options: Sequence[Option]) -> tuple[MountedUnit, ...]:
         """A placement: the roadside units of some options."""
         units = []
         for k, option in enumerate(options):
             look = self.looks[option.look]
             mount = self.site.mounts[look.mount]
             has = "C" in option.sensors, "L" in option.sensors
-            units.append(Unit(f"U{k + 1}", mount.x, mount.y, mount.z, look.yaw, look.pitch_down, *has))
+            units.append(MountedUnit(mount.x, mount.y, mount.z, look.yaw, look.pitch_down, *has, id=f"U{k + 1}"))
         return tuple(units)
 
 

@@ -14,13 +14,13 @@ import numpy as np
 from pcdet_avp.closed_loop.perception.perceiver import Missed, Perceived
 from pcdet_avp.closed_loop.policy import pedestrian_distances, target_speed_law
 from pcdet_avp.placement.sensors import SensorModels
-from pcdet_avp.sim.plans.floor import Unit
 from pcdet_avp.sim.rig import AgentRig
 from pcdet_avp.sim.scenarios.scenario import Scenario
 from pcdet_avp.sim.world import World
 from pcdet_avp.structures.bev_grid import BevGrid
 from pcdet_avp.structures.boxes import transform_boxes
 from pcdet_avp.structures.pose import Pose
+from pcdet_avp.structures.roadside_unit import MountedUnit
 from pcdet_avp.structures.sensor_set import SensorSet
 
 
@@ -34,7 +34,7 @@ class PlacedLineOfSight:
     """All threats within the vehicle's map that the vehicle's sensors or any unit's have in line of sight."""
 
     def __init__(
-        self, vehicle: AgentRig, vehicle_sensors: str, units: Sequence[Unit], models: SensorModels, grid: BevGrid
+        self, vehicle: AgentRig, vehicle_sensors: str, units: Sequence[MountedUnit], models: SensorModels, grid: BevGrid
     ) -> None:
         self._vehicle, self._sensors, self._grid = vehicle, vehicle_sensors, grid
         self._units, self._models = tuple(units), models
@@ -69,7 +69,7 @@ class PlacedLineOfSight:
         yield bool(sight.camera_sees(self._vehicle.camera, pose, mesh, object_id, models.pixels))
         sight = world.sight_of("infra")
         for unit in self._units:
-            pose = self._world_from_plan @ unit.plan_from_unit
+            pose = self._world_from_plan @ unit.world_from_unit
             if unit.lidar:
                 yield bool(sight.lidar_sees(models.lidar_of(unit), pose, mesh, object_id, models.returns))
             if unit.camera:

@@ -7,12 +7,13 @@ import numpy as np
 from pcdet_avp.placement.sensors import SensorModels
 from pcdet_avp.sim.actors import Pedestrian
 from pcdet_avp.sim.meshes.pedestrian_spec import draw_pedestrian
-from pcdet_avp.sim.plans.floor import Floor, FloorLayout, Unit
+from pcdet_avp.sim.plans.floor import Floor, FloorLayout
 from pcdet_avp.sim.render.camera import render
 from pcdet_avp.sim.render.lights import Lighting
 from pcdet_avp.sim.scenarios.traffic import draw_parked
 from pcdet_avp.sim.trajectories import Standing
 from pcdet_avp.sim.world import World
+from pcdet_avp.structures.roadside_unit import MountedUnit
 
 WIDTH, HEIGHT = 640, 360
 
@@ -34,8 +35,8 @@ def furnished_world(floor: Floor, occupancy: float = 0.8, seed: int = 0) -> Worl
     return world
 
 
-def picture(world: World, unit: Unit, models: SensorModels | None = None) -> np.ndarray:
+def picture(world: World, unit: MountedUnit, models: SensorModels | None = None) -> np.ndarray:
     """(HEIGHT, WIDTH, 3) uint8 RGB: what the unit's camera sees."""
     camera = (models or SensorModels()).camera_of(unit).scaled(WIDTH, HEIGHT)
     tracer, rng = world.infra_tracer(), np.random.default_rng(0)
-    return render(tracer, camera, unit.plan_from_unit, world.lighting, rng).image
+    return render(tracer, camera, unit.world_from_unit, world.lighting, rng).image

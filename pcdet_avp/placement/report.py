@@ -10,9 +10,9 @@ import numpy as np
 
 from pcdet_avp.files import write_json, write_text
 from pcdet_avp.placement.figures import front_figure, heat_map, units_figure
-from pcdet_avp.placement.front import Placement, Sight, Solved
+from pcdet_avp.placement.front import Option, Placement, Sight, Solved
 from pcdet_avp.placement.pictures import furnished_world, picture
-from pcdet_avp.sim.plans.floor import Unit
+from pcdet_avp.structures.roadside_unit import MountedUnit
 from pcdet_avp.visualization.page import Comparison, Page, Picture, Section, Table, render
 from pcdet_avp.visualization.video import write_picture
 
@@ -61,14 +61,22 @@ def _member(sight: Sight, placement: Placement, speeds: tuple[float, float] | No
         "safe_speed": speeds and speeds[0],
         "safe_speed_one_dead": speeds and speeds[1],
         "bytes_per_s": sum(sight.models.bytes_per_s(option.sensors) for option in placement.options),
-        "units": [_unit(sight, *each) for each in zip(placement.options, sight.units(placement.options), strict=True)],
+        "units": unit_entries(sight, placement.options),
     }
 
 
-def _unit(sight: Sight, option, unit: Unit) -> dict[str, Any]:
+def unit_entries(sight: Sight, options: Sequence[Option]) -> list[dict[str, Any]]:
+    """The roadside units of some options as in placement.json: metres, degrees, the plan's frame."""
+    return [_unit(sight, *each) for each in zip(options, sight.units(options), strict=True)]
+
+
+def _unit(sight: Sight, option: Option, unit: MountedUnit) -> dict[str, Any]:
     mount = sight.site.mounts[sight.looks[option.look].mount]
-    angles = {"yaw_deg": float(np.degrees(unit.yaw) % 360), "pitch_down_deg": float(np.degrees(unit.pitch_down))}
-    place = {"x_m": unit.x, "y_m": unit.y, "height_m": unit.z}
+    angles = {
+        "yaw_deg": float(np.degrees(unit.yaw_rad) % 360),
+        "pitch_down_deg": float(np.degrees(unit.pitch_down_rad)),
+    }
+    place = {"x_m": unit.x_m, "y_m": unit.y_m, "height_m": unit.z_m}
     values = {**place, **angles}
     return {
         "id": unit.id,
@@ -178,13 +186,15 @@ def _blind_section(before: Path, after: Path) -> Section:
     return Section("Blind spots per metre of lane and per slot", text, parts=parts)
 
 
-def _units_section(folder: Path, where: Path, sight: Sight, units: Sequence[Unit]) -> Section:
+def _units_section(folder: Path, where: Path, sight: Sight, units: Sequence[MountedUnit]) -> Section:
     parts = [_plot(where, "Plan with the chosen units", "Dots: candidate places. Wedges: where the chosen units look.")]
     world = furnished_world(sight.site.floor) if units else None
     for unit in units:
         file = folder / f"{unit.id}.png"
         write_picture(file, picture(world, unit, sight.models))
-        caption = f"**{unit.id}** at ({unit.x:.1f}, {unit.y:.1f}) m, {unit.z:.2f} m high: what a camera there sees."
+        caption = (
+            f"**{unit.id}** at ({unit.x_m:.1f}, {unit.y_m:.1f}) m, {unit.z_m:.2f} m high: what a camera there sees."
+        )
         parts.append(Picture(file, f"View of unit {unit.id}", caption))
     return Section("The chosen units", parts=parts)
 

@@ -14,10 +14,10 @@ from pcdet_avp.config import load_config
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.placement.line_of_sight import PlacedLineOfSight
 from pcdet_avp.placement.sensors import SensorModels
-from pcdet_avp.sim.plans.floor import Unit
 from pcdet_avp.sim.rig import Rig
 from pcdet_avp.sim.scenarios.plan_episodes import PLAN_SCENARIOS
 from pcdet_avp.structures.bev_grid import BevGrid
+from pcdet_avp.structures.roadside_unit import MountedUnit
 from pcdet_avp.structures.sensor_set import SensorSet
 
 SPEEDS_MPS = (3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0)
@@ -33,7 +33,7 @@ class SpeedJob:
     seed: int
     trial: int
     name: str  # of the placement
-    units: tuple[Unit, ...]
+    units: tuple[MountedUnit, ...]
     models: SensorModels
     vehicle: str
     speeds: tuple[float, ...] = SPEEDS_MPS

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcdet_avp.errors import ConfigError
-from pcdet_avp.sim.plans.floor import Unit
 from pcdet_avp.structures.camera import PinholeCamera
 from pcdet_avp.structures.lidar_scan import LidarModel
 from pcdet_avp.structures.pose import Pose
+from pcdet_avp.structures.roadside_unit import MountedUnit
 
 SET_NAMES = ("C", "L", "CL")
 LOW, HIGH = (2.8, 10.0), (7.0, 30.0)  # height (m) and pitch (degrees) of avp_low_ceiling.yaml and of the paper
@@ -80,16 +80,16 @@ class SensorModels:
         """On the air: one map of each modality at every tick."""
         return len(sensors) * self.map_bytes * self.rate_hz
 
-    def camera_of(self, unit: Unit) -> PinholeCamera:
+    def camera_of(self, unit: MountedUnit) -> PinholeCamera:
         """The camera in the unit's frame."""
-        return PinholeCamera.looking_ahead(self.width, self.height, self.hfov, 0.0, unit.z, unit.pitch_down)
+        return PinholeCamera.looking_ahead(self.width, self.height, self.hfov, 0.0, unit.z_m, unit.pitch_down_rad)
 
-    def lidar_of(self, unit: Unit) -> LidarModel:
+    def lidar_of(self, unit: MountedUnit) -> LidarModel:
         """The LiDAR in the unit's frame."""
-        mount = Pose.from_xyz_yaw(0.0, 0.0, unit.z, pitch_down=unit.pitch_down)
+        mount = Pose.from_xyz_yaw(0.0, 0.0, unit.z_m, pitch_down=unit.pitch_down_rad)
         return LidarModel(self.beams, self.columns, *self.elevation, self.azimuth_span, mount)
 
 
-def sensors_of(unit: Unit) -> str:
+def sensors_of(unit: MountedUnit) -> str:
     """``C``, ``L`` or ``CL``."""
     return "C" * unit.camera + "L" * unit.lidar

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcdet_avp.placement.settings import PlacementSettings
-from pcdet_avp.sim.plans.floor import Floor, Junction, Lane, from_axes, nearest
+from pcdet_avp.sim.plans.floor import Floor, Junction, Lane, from_axes
+from pcdet_avp.sim.plans.paths import nearest
 from pcdet_avp.structures.ego import BUMPER_X_M
 
 CHILD_M, VEHICLE_M = (0.4, 1.15), (1.8, 1.4)  # width and height of what has to be seen

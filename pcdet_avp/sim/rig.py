@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 
 from pcdet_avp.errors import ConfigError, SensorError
-from pcdet_avp.sim.plans.floor import Unit
 from pcdet_avp.sim.rays.lidar import LidarNoise, sweep
 from pcdet_avp.sim.rays.raytracer import RayTracer
 from pcdet_avp.sim.render.camera import render
@@ -50,14 +49,14 @@ class AgentRig:
         except KeyError as missing:
             raise ConfigError(f"DATA_CONFIG.SENSORS: missing key {missing}") from None
 
-    def hung_as(self, unit: Unit | None) -> AgentRig:
+    def hung_as(self, unit: MountedUnit | None) -> AgentRig:
         """The same sensors at the height and pitch of a roadside unit; unchanged where there is none."""
         if unit is None:
             return self
-        mount = Pose.from_xyz_yaw(0.0, 0.0, unit.z, pitch_down=unit.pitch_down)
+        mount = Pose.from_xyz_yaw(0.0, 0.0, unit.z_m, pitch_down=unit.pitch_down_rad)
         hfov = 2 * np.arctan(self.camera.width / 2 / self.camera.fx)
         size = self.camera.width, self.camera.height
-        camera = PinholeCamera.looking_ahead(*size, hfov, 0.0, unit.z, unit.pitch_down)
+        camera = PinholeCamera.looking_ahead(*size, hfov, 0.0, unit.z_m, unit.pitch_down_rad)
         return replace(self, camera=camera, lidar=replace(self.lidar, agent_from_lidar=mount))
 
 

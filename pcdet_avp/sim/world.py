@@ -20,7 +20,7 @@ from pcdet_avp.sim.meshes.car import car_mesh
 from pcdet_avp.sim.meshes.car_spec import CarSpec
 from pcdet_avp.sim.meshes.floor_building import floor_mesh
 from pcdet_avp.sim.meshes.mesh import Mesh
-from pcdet_avp.sim.plans.floor import FloorLayout, Unit
+from pcdet_avp.sim.plans.floor import FloorLayout
 from pcdet_avp.sim.rays.face_tables import FaceRoom
 from pcdet_avp.sim.rays.raytracer import RayTracer, TriangleScene
 from pcdet_avp.sim.rays.sightline import Sight
@@ -28,6 +28,7 @@ from pcdet_avp.sim.rays.triangle_scene import bounding_sphere
 from pcdet_avp.sim.render.lights import Lighting, headlamps_of
 from pcdet_avp.structures.ego import EGO_LENGTH_M, EGO_WIDTH_M
 from pcdet_avp.structures.pose import Pose
+from pcdet_avp.structures.roadside_unit import MountedUnit
 
 # Instance numbers of faces that belong to no road user; a road user's faces carry its object id (>= 0).
 BUILDING_INSTANCE = -1
@@ -67,13 +68,13 @@ class World:
         actors: Sequence[Actor],
         lighting: Lighting,
         reversing: bool = False,
-        unit: Unit | None = None,
+        unit: MountedUnit | None = None,
     ) -> None:
         """``lighting`` without head lamps: those of moving cars and of the ego are added. ``reversing``: the ego frame
         faces where the ego drives to, and its body faces the other way. ``unit``: the roadside unit, in the world
         frame; by default one at the origin that faces -x, as high as the rig says."""
         self.layout, self.time_s, self.unit = layout, 0.0, unit
-        self.world_from_infra = MAST if unit is None else unit.plan_from_unit
+        self.world_from_infra = MAST if unit is None else unit.world_from_unit
         self._ego_from_body = Pose.from_xyz_yaw(0.0, 0.0, yaw=np.pi if reversing else 0.0)
         self._lighting = lighting
         self._actors = {actor.object_id: actor for actor in actors}

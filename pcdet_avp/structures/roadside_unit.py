@@ -1,15 +1,17 @@
 """A roadside unit as it hangs in a garage: where, facing where, and with which sensors.
 
-World frame, metres; radians here, degrees in configurations. What its sensors are like (resolution, beams) says
-DATA_CONFIG.SENSORS.INFRA, which all units share.
+World frame, or that of a garage's plan; metres; radians here, degrees in configurations and plans. What its sensors are
+like (resolution, beams) says DATA_CONFIG.SENSORS.INFRA, which all units share.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
+
+import numpy as np
 
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.structures.pose import Pose
@@ -22,7 +24,8 @@ _REQUIRED, _FLAGS = ("X_M", "Y_M", "Z_M", "YAW_DEG", "PITCH_DOWN_DEG"), ("CAMERA
 @dataclass(frozen=True)
 class MountedUnit:
     """Sensors at x, y and ``z_m`` above the floor, turned by ``yaw_rad`` counter-clockwise from the world's x axis and
-    then ``pitch_down_rad`` towards the floor. ``camera`` and ``lidar``: which of both it has; at least one."""
+    then ``pitch_down_rad`` towards the floor. ``camera`` and ``lidar``: which of both it has; at least one. ``id``: its
+    name in a plan or a placement."""
 
     x_m: float
     y_m: float
@@ -31,6 +34,7 @@ class MountedUnit:
     pitch_down_rad: float
     camera: bool = True
     lidar: bool = True
+    id: str = ""
 
     def __post_init__(self) -> None:
         if not all(map(math.isfinite, (self.x_m, self.y_m, self.z_m, self.yaw_rad, self.pitch_down_rad))):
@@ -69,6 +73,12 @@ class MountedUnit:
     def world_from_unit(self) -> Pose:
         """The unit's frame: origin on the floor below it, x along its horizontal facing direction."""
         return Pose.from_xyz_yaw(self.x_m, self.y_m, yaw=self.yaw_rad)
+
+    def moved(self, dst_from_src: Pose) -> MountedUnit:
+        """The same unit in another frame (a turn about z and a shift)."""
+        x, y, _ = dst_from_src.apply(np.array([self.x_m, self.y_m, 0.0]))
+        turn = np.arctan2(dst_from_src.matrix[1, 0], dst_from_src.matrix[0, 0])
+        return replace(self, x_m=float(x), y_m=float(y), yaw_rad=float(self.yaw_rad + turn))
 
     @property
     def sources(self) -> tuple[str, ...]:

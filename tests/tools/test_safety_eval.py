@@ -58,7 +58,6 @@ def test_blind_is_certified_for_no_speed(tmp_path):
         (("--link", "nr_v2x"), "--link"),
         (("--rate", "0.05"), "--rate: belongs to --certify"),
         (("--seed", "1000000"), "--seed"),
-        (("--plan", "cfgs/plans/paper_road.yaml", "--video"), "--video: films"),
         (("--certify", "--trials", "5"), "--trials"),
         (("--certify", "--search"), "--search"),
         (("--certify", "--rate", "0"), "--rate"),

@@ -11,9 +11,7 @@ from typing import Any
 import numpy as np
 
 from pcdet_avp.closed_loop.export.record import EpisodeRecord, Found
-from pcdet_avp.closed_loop.video.garage_plan import floor_rectangles, marking_rectangles
-from pcdet_avp.sim.garage import GarageLayout
-from pcdet_avp.sim.plans.floor import FloorLayout
+from pcdet_avp.closed_loop.video.garage_plan import ground_and_paint
 from pcdet_avp.structures.boxes import bev_corners
 
 Numbers = list[Any]
@@ -42,7 +40,7 @@ def _title(records: Sequence[EpisodeRecord]) -> str:
 
 def _plan(record: EpisodeRecord) -> dict[str, Any]:
     layout = record.scenario.layout
-    floors, paint = _floors(layout)
+    floors, paint = ground_and_paint(layout)
     parked = [user.boxes()[0] for user in record.users if user.stands]
     solid = bev_corners(layout.solid_boxes())
     return {
@@ -56,19 +54,6 @@ def _plan(record: EpisodeRecord) -> dict[str, Any]:
         ],
         "outline": _outline(floors, solid),
     }
-
-
-def _floors(layout: GarageLayout | FloorLayout) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (P, 4, 2) of the floor's parts, and of what is painted on it."""
-    if isinstance(layout, FloorLayout):
-        slots = np.array([slot.box for slot in layout.slots]).reshape(-1, 7)
-        return np.concatenate([bev_corners(layout.floor.surfaces), bev_corners(slots)]), np.zeros((0, 4, 2))
-    return _corners(floor_rectangles(layout)), _corners(marking_rectangles(layout))
-
-
-def _corners(rectangles: Sequence[Sequence[float]]) -> np.ndarray:
-    x0, y0, x1, y1 = np.array(rectangles, float).T
-    return np.stack([np.stack(pair, -1) for pair in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))], 1)
 
 
 def _outline(*polygons: np.ndarray) -> Numbers:

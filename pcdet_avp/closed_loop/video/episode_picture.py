@@ -7,6 +7,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from pcdet_avp.closed_loop.video.garage_plan import garage_plan, window_end_x, window_right_y
+from pcdet_avp.sim.actors import box_at, stands
+from pcdet_avp.sim.scenarios.scenario import Scenario
 from pcdet_avp.structures.boxes import bev_corners, transform_boxes
 from pcdet_avp.structures.ego import EGO_FOOTPRINT
 from pcdet_avp.structures.frame import AgentView
@@ -16,8 +19,9 @@ from pcdet_avp.visualization.palette import CLASS_COLORS, EGO_LIGHT, INFRA_LIGHT
 from pcdet_avp.visualization.time_strip import TimeStrip
 
 CAMERA_PX, MAP_PX, STRIP_PX = (576, 324), (864, 648), (1440, 162)  # width, height
-WINDOW_M, BEHIND_M, FAR_RIGHT_Y_M = 44.0, 8.0, -22.0  # what the map shows: its width, how much of it behind the ego
+WINDOW_M, BEHIND_M = 44.0, 8.0  # what the map shows: its width, how much of it behind the ego
 MAP_SCALE = MAP_PX[0] / WINDOW_M  # pixels a metre
+MAP_HEIGHT_M = MAP_PX[1] / MAP_SCALE
 FUSED_COLOR, ALONE_COLOR, EGO_COLOR, MAST_COLOR = CLASS_COLORS["Pedestrian"], EGO_LIGHT, (245, 245, 245), INFRA_LIGHT
 IGNORED_COLOR = (155, 104, 130)
 SMALL_M = 1.5  # boxes smaller than this are ringed on the map, or nobody would see them
@@ -39,12 +43,45 @@ class Moment:
     banner: tuple[str, str] | None = None  # text, outcome
 
 
+@dataclass(frozen=True, eq=False)
+class Background:
+    """The garage from above at ``MAP_SCALE``, of which every picture shows a window around the ego.
+
+    end_x: how far ahead the window goes at most; right_y: its lowest y (m, world).
+    """
+
+    plan: BevCanvas
+    end_x: float
+    right_y: float
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> Background:
+        """The scenario's garage with everybody who stands for good."""
+        parked = np.array([box_at(actor, 0.0) for actor in scenario.actors if stands(actor)]).reshape(-1, 7)
+        layout = scenario.layout
+        plan = garage_plan(layout, parked, MAP_SCALE)
+        return cls(plan, window_end_x(layout), window_right_y(layout, MAP_HEIGHT_M))
+
+    def around(self, world_from_ego: Pose) -> BevCanvas:
+        """The window around the ego; beyond the plan it is empty."""
+        x_min = min(world_from_ego.translation[0] - BEHIND_M, self.end_x - WINDOW_M)
+        window = BevCanvas(x_min, self.right_y, x_min + WINDOW_M, self.right_y + MAP_HEIGHT_M, MAP_SCALE)
+        left, top = self.plan.pixels(np.array([window.x_min_m, window.y_max_m])).round().astype(int)
+        height, width = self.plan.image.shape[:2]
+        rows = slice(max(top, 0), max(min(top + MAP_PX[1], height), 0))
+        columns = slice(max(left, 0), max(min(left + MAP_PX[0], width), 0))
+        part = self.plan.image[rows, columns]
+        if part.size:
+            down, right = rows.start - top, columns.start - left
+            window.image[down : down + part.shape[0], right : right + part.shape[1]] = part
+        return window
+
+
 class EpisodePainter:
     """Paints the moments of one episode."""
 
-    def __init__(self, plan: BevCanvas, end_x: float, strip: TimeStrip, title: str, uses_infra: bool) -> None:
-        """``plan``: the garage from above at ``MAP_SCALE``; ``end_x``: how far the window goes (m, world)."""
-        self._plan, self._end_x, self._strip, self._title, self._uses_infra = plan, end_x, strip, title, uses_infra
+    def __init__(self, background: Background, strip: TimeStrip, title: str, uses_infra: bool) -> None:
+        self._background, self._strip, self._title, self._uses_infra = background, strip, title, uses_infra
 
     def picture(self, moment: Moment) -> np.ndarray:
         """(810, 1440, 3) uint8 RGB."""
@@ -65,7 +102,7 @@ class EpisodePainter:
         return panel if used else panel // 2
 
     def _map(self, moment: Moment) -> np.ndarray:
-        canvas = window_around(self._plan, moment.ego.world_from_agent, self._end_x)
+        canvas = self._background.around(moment.ego.world_from_agent)
         mast = moment.infra.world_from_agent
         if self._uses_infra:
             _wedge(canvas, mast, MAST_COLOR)
@@ -97,15 +134,6 @@ class EpisodePainter:
             put_text(image, "perception sleeps: nobody near", (12, 48), (150, 150, 150), 0.5)
         if moment.banner:
             show_banner(image, *moment.banner)
-
-
-def window_around(plan: BevCanvas, world_from_ego: Pose, end_x: float) -> BevCanvas:
-    """The part of the garage's plan around the ego; it stops at ``end_x`` (m, world), where the road ends."""
-    x_min = min(world_from_ego.translation[0] - BEHIND_M, end_x - WINDOW_M)
-    window = BevCanvas(x_min, FAR_RIGHT_Y_M, x_min + WINDOW_M, FAR_RIGHT_Y_M + MAP_PX[1] / MAP_SCALE, MAP_SCALE)
-    left, top = plan.pixels(np.array([window.x_min_m, window.y_max_m])).round().astype(int)
-    window.image = plan.image[top : top + MAP_PX[1], left : left + MAP_PX[0]].copy()
-    return window
 
 
 def fill_ego(canvas: BevCanvas, world_from_ego: Pose) -> None:

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from pcdet_avp.closed_loop.video.floor_plan import floor_canvas, ground, markings
 from pcdet_avp.sim.garage import LANE_WIDTH_M, SLOT_DEPTH_M, SLOT_WIDTH_M, GarageLayout
+from pcdet_avp.sim.plans.floor import FloorLayout
 from pcdet_avp.structures.boxes import bev_corners
 from pcdet_avp.visualization.draw import BevCanvas
 
+FAR_RIGHT_Y_M = -22.0  # what windows of drawn garages show to the right of the road
 MARGIN_M = 60.0  # beyond the plan, so that every window lies on the canvas
 ASPHALT, PAINT, CONCRETE, PARKED, PARKED_EDGE = (
     (40, 41, 44),
@@ -19,20 +22,14 @@ ASPHALT, PAINT, CONCRETE, PARKED, PARKED_EDGE = (
 DASH_M, DASH_EVERY_M, PAINT_M = 1.5, 4.5, 0.1
 
 
-def garage_plan(layout: GarageLayout, parked: np.ndarray, px_per_m: float) -> BevCanvas:
-    """A canvas (world frame) of the whole plan with parked vehicles (N, 7)."""
-    far_y = LANE_WIDTH_M + SLOT_DEPTH_M
-    canvas = BevCanvas(
-        layout.road_start_x - MARGIN_M,
-        layout.side_road_end_y - MARGIN_M / 2,
-        layout.road_end_x + MARGIN_M,
-        far_y + MARGIN_M / 2,
-        px_per_m,
-    )
-    for rectangle in floor_rectangles(layout):
-        canvas.fill(_corners(*rectangle), ASPHALT)
-    for rectangle in marking_rectangles(layout):
-        canvas.fill(_corners(*rectangle), PAINT)
+def garage_plan(layout: GarageLayout | FloorLayout, parked: np.ndarray, px_per_m: float) -> BevCanvas:
+    """A canvas (world frame) of the whole garage with parked vehicles (N, 7)."""
+    drawn = isinstance(layout, GarageLayout)
+    canvas = _canvas(layout, px_per_m) if drawn else floor_canvas(layout.floor, px_per_m)
+    asphalt, paint = ground_and_paint(layout)
+    for color, polygons in ((ASPHALT, asphalt), (PAINT, paint)):
+        for corners in polygons:
+            canvas.fill(corners, color)
     for corners in bev_corners(layout.solid_boxes()):
         canvas.fill(corners, CONCRETE)
     for corners in bev_corners(parked):
@@ -41,7 +38,35 @@ def garage_plan(layout: GarageLayout, parked: np.ndarray, px_per_m: float) -> Be
     return canvas
 
 
-def floor_rectangles(layout: GarageLayout) -> list[tuple[float, float, float, float]]:
+def ground_and_paint(layout: GarageLayout | FloorLayout) -> tuple[np.ndarray, np.ndarray]:
+    """Corners (P, 4, 2) of all that is driven or parked on, and (Q, 4, 2) of what is painted on it; world frame."""
+    if isinstance(layout, FloorLayout):
+        return ground(layout.floor), markings(layout.floor)
+    return _corners(_floors(layout)), _corners(_markings(layout))
+
+
+def window_end_x(layout: GarageLayout | FloorLayout) -> float:
+    """How far ahead (m, world) a window of the canvas goes: to the wall behind the mast; on a plan's floor anywhere."""
+    return float("inf") if isinstance(layout, FloorLayout) else layout.road_end_x + 2.0
+
+
+def window_right_y(layout: GarageLayout | FloorLayout, height_m: float) -> float:
+    """The lowest y (m, world) of a window so high: drawn garages have all that matters to the right of the road, on a
+    plan's floor vehicles come from either side."""
+    return -height_m / 2 if isinstance(layout, FloorLayout) else FAR_RIGHT_Y_M
+
+
+def _canvas(layout: GarageLayout, px_per_m: float) -> BevCanvas:
+    return BevCanvas(
+        layout.road_start_x - MARGIN_M,
+        layout.side_road_end_y - MARGIN_M / 2,
+        layout.road_end_x + MARGIN_M,
+        LANE_WIDTH_M + SLOT_DEPTH_M + MARGIN_M / 2,
+        px_per_m,
+    )
+
+
+def _floors(layout: GarageLayout) -> list[tuple[float, float, float, float]]:
     """x_min, y_min, x_max, y_max of the main road with its slots, and of the side road."""
     far_y = LANE_WIDTH_M + SLOT_DEPTH_M
     near_x = layout.junction_x - LANE_WIDTH_M
@@ -51,7 +76,7 @@ def floor_rectangles(layout: GarageLayout) -> list[tuple[float, float, float, fl
     ]
 
 
-def marking_rectangles(layout: GarageLayout) -> list[tuple[float, float, float, float]]:
+def _markings(layout: GarageLayout) -> list[tuple[float, float, float, float]]:
     """Dashes between the lanes of both roads, and the lines between slots."""
     half = PAINT_M / 2
     along = np.arange(layout.road_start_x + 1.0, layout.road_end_x - DASH_M, DASH_EVERY_M)
@@ -65,5 +90,6 @@ def marking_rectangles(layout: GarageLayout) -> list[tuple[float, float, float, 
     return dashes + [(x0, low, x1, high) for x0, low, high, x1 in lines]
 
 
-def _corners(x_min: float, y_min: float, x_max: float, y_max: float) -> np.ndarray:
-    return np.array([(x_min, y_min), (x_max, y_min), (x_max, y_max), (x_min, y_max)])
+def _corners(rectangles: list[tuple[float, float, float, float]]) -> np.ndarray:
+    x0, y0, x1, y1 = np.array(rectangles, float).T
+    return np.stack([np.stack(pair, -1) for pair in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))], 1)

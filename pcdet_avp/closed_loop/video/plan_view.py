@@ -8,14 +8,12 @@ from pcdet_avp.closed_loop.episode import Episode
 from pcdet_avp.closed_loop.perception.perceiver import Perceived
 from pcdet_avp.closed_loop.video.episode_picture import (
     FUSED_COLOR,
-    MAP_SCALE,
+    Background,
     fill_ego,
     mark,
     show_banner,
-    window_around,
 )
-from pcdet_avp.closed_loop.video.garage_plan import garage_plan
-from pcdet_avp.sim.actors import box_at, stands
+from pcdet_avp.sim.actors import stands
 from pcdet_avp.sim.scenarios.scenario import Scenario
 from pcdet_avp.structures.boxes import bev_corners, transform_boxes
 from pcdet_avp.visualization.draw import put_text
@@ -26,9 +24,7 @@ class PlanView:
     """The garage of one scenario; parked cars are drawn once."""
 
     def __init__(self, scenario: Scenario) -> None:
-        parked = [box_at(actor, 0.0) for actor in scenario.actors if stands(actor)]
-        self._plan = garage_plan(scenario.layout, np.array(parked).reshape(-1, 7), MAP_SCALE)
-        self._end_x = scenario.layout.road_end_x + 2.0
+        self._background = Background.of(scenario)
         self._moves = [not stands(actor) for actor in scenario.actors]
 
     def picture(self, episode: Episode, seen: Perceived, target_mps: float) -> np.ndarray:
@@ -37,7 +33,7 @@ class PlanView:
         ``target_mps``: the target speed to print.
         """
         ego = episode.world.world_from_ego
-        canvas = window_around(self._plan, ego, self._end_x)
+        canvas = self._background.around(ego)
         for corners in bev_corners(episode.world.road_users().boxes[self._moves]):
             canvas.fill(corners, TRUE_COLOR)
         mark(canvas, transform_boxes(ego, seen.boxes), FUSED_COLOR, 8, 2)

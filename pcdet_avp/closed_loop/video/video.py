@@ -18,14 +18,12 @@ from pcdet_avp.closed_loop.video.episode_picture import (
     CAMERA_PX,
     EGO_COLOR,
     FUSED_COLOR,
-    MAP_SCALE,
     STRIP_PX,
+    Background,
     EpisodePainter,
     Moment,
 )
-from pcdet_avp.closed_loop.video.garage_plan import garage_plan
 from pcdet_avp.closed_loop.video.recording import Recording, camera_views, record_episode, targets_alone
-from pcdet_avp.sim.actors import box_at, stands
 from pcdet_avp.sim.rig import Rig
 from pcdet_avp.sim.scenarios.scenario import Scenario
 from pcdet_avp.structures.boxes import transform_boxes
@@ -80,11 +78,8 @@ class EpisodeVideo:
         scenario = recording.scenario
         self._alone = self._targets_alone(settings) if recording.sensor_set.uses_infra else None
         self._driver = Driver.for_episode(scenario, settings)
-        parked = [box_at(actor, 0.0) for actor in scenario.actors if stands(actor)]
-        plan = garage_plan(scenario.layout, np.array(parked).reshape(-1, 7), MAP_SCALE)
-        self._painter = EpisodePainter(
-            plan, scenario.layout.road_end_x + 2.0, self._strip(settings), title, recording.sensor_set.uses_infra
-        )
+        uses_infra = recording.sensor_set.uses_infra
+        self._painter = EpisodePainter(Background.of(scenario), self._strip(settings), title, uses_infra)
 
     def ticks(self) -> range:
         """The ticks that the video shows: from shortly before perception wakes to the end."""

@@ -12,7 +12,7 @@ from pcdet_avp.closed_loop.sweep.episode_row import Case, EpisodeRow
 from pcdet_avp.closed_loop.sweep.journal import Finished
 from pcdet_avp.closed_loop.sweep.sweep import Sweep
 from pcdet_avp.closed_loop.video.video import write_episode_video
-from pcdet_avp.sim.scenarios.table import find_scenario
+from pcdet_avp.sim.scenarios.table import file_name, find_scenario
 
 
 def write_sweep_videos(sweep: Sweep, finished: Finished, folder: Path) -> list[Path]:
@@ -22,7 +22,7 @@ def write_sweep_videos(sweep: Sweep, finished: Finished, folder: Path) -> list[P
     settings = EpisodeSettings.from_config(sweep.closed_loop)
     files = []
     for case in telling_cases(row for row in rows if row.case.combo in (*sweep.combos, ANY_COMBO)):
-        file = folder / f"{case.scenario}_{case.perception}_{case.combo}_{case.speed:g}_{case.trial}.mp4"
+        file = folder / f"{file_name(case.scenario)}_{case.perception}_{case.combo}_{case.speed:g}_{case.trial}.mp4"
         if not all(any(folder.glob(f"{file.stem}_{name}.*")) for name in ("poster", "stills")):
             what = case_scenario(sweep.job(case)), perceiver, case_sensors(case), sweep.perceiver["data_cfg"]
             write_episode_video(*what, file, case_title(sweep, case), settings)

@@ -14,7 +14,8 @@ from pcdet_avp.sim.meshes.building import draw_paint, pillar_meshes, slabs, wall
 from pcdet_avp.sim.meshes.fittings import STOP_YELLOW, lamp_meshes
 from pcdet_avp.sim.meshes.markings import LINE_M, WHITE, YELLOW, arrow, polygons_mesh
 from pcdet_avp.sim.meshes.mesh import Material, Mesh, box_mesh
-from pcdet_avp.sim.plans.floor import Floor, Road, offset_path
+from pcdet_avp.sim.plans.floor import Floor, Road
+from pcdet_avp.sim.plans.paths import offset_path
 from pcdet_avp.structures.boxes import bev_corners
 from pcdet_avp.structures.pose import Pose
 from pcdet_avp.structures.rotated_iou import bev_intersection

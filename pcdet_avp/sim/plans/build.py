@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from pcdet_avp.sim.garage import SLOT_DEPTH_M, SLOT_WIDTH_M, Lamp, Pillar, Slot, Wall
-from pcdet_avp.sim.plans.floor import Floor, Junction, Mount, Road, Unit
+from pcdet_avp.sim.plans.floor import Floor, Junction, Mount, Road
 from pcdet_avp.sim.plans.marked_yaml import MarkedYaml, Where, text
 from pcdet_avp.sim.trajectories import Path
+from pcdet_avp.structures.roadside_unit import MountedUnit
 
 LAMP_BELOW_CEILING_M = 0.08
 WALL_M, PARAPET_M = 0.2, 0.15  # thicknesses where a plan says none
@@ -191,11 +192,11 @@ class _Builder:
         yaws = tuple(float(np.radians(yaw)) for yaw in item.get("yaw_deg", ()))
         return Mount(item["id"], *map(float, item["at"]), float(item["height_m"]), item["on"], yaws)
 
-    def _unit(self, item: dict, where: Where) -> Unit:
+    def _unit(self, item: dict, where: Where) -> MountedUnit:
         mount = self.mounts.get(item["mount"])
         if mount is None:
             known = ", ".join(self.mounts) or "(there are none)"
             raise self._error((*where, "mount"), f"expected one of the mounts {known}, found {item['mount']!r}")
         angles = (float(np.radians(item[key])) for key in ("yaw_deg", "pitch_down_deg"))
         sensors = item["sensors"]
-        return Unit(item["id"], mount.x, mount.y, mount.z, *angles, "C" in sensors, "L" in sensors)
+        return MountedUnit(mount.x, mount.y, mount.z, *angles, "C" in sensors, "L" in sensors, item["id"])

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from pcdet_avp.sim.plans.floor import Floor, from_axes, nearest
+from pcdet_avp.sim.plans.floor import Floor, from_axes
+from pcdet_avp.sim.plans.paths import nearest
 from pcdet_avp.structures.rotated_iou import bev_intersection
 
 TOUCH_M2 = 0.05  # shared area that counts as touching
@@ -137,10 +138,10 @@ def _lamps(floor: Floor) -> Iterator[Problem]:
 def _units(floor: Floor) -> Iterator[Problem]:
     mounts = {(mount.x, mount.y, mount.z): mount for mount in floor.mounts}
     for k, unit in enumerate(floor.units):
-        yaws = mounts[unit.x, unit.y, unit.z].yaws
-        if yaws and np.abs(np.cos(np.array(yaws) - unit.yaw) - 1).min() > 1e-3:
+        yaws = mounts[unit.x_m, unit.y_m, unit.z_m].yaws
+        if yaws and np.abs(np.cos(np.array(yaws) - unit.yaw_rad) - 1).min() > 1e-3:
             allowed = ", ".join(f"{np.degrees(yaw):g}" for yaw in yaws)
-            found = f"found {np.degrees(unit.yaw):g}"
+            found = f"found {np.degrees(unit.yaw_rad):g}"
             yield (
                 _line(floor, "units", k),
                 f"unit {unit.id!r}: expected a yaw of its mount ({allowed} degrees), {found}",

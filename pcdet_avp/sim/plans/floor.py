@@ -9,17 +9,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
-from itertools import pairwise
+from functools import cached_property
 
 import numpy as np
 
 from pcdet_avp.sim.garage import Lamp, Pillar, Slot, Wall
-from pcdet_avp.sim.trajectories import Path, Segment
+from pcdet_avp.sim.plans.paths import (
+    heading_near,
+    moved_path,
+    moved_xy_yaw,
+    offset_path,
+    path_boxes,
+    reversed_path,
+)
+from pcdet_avp.sim.trajectories import Path
 from pcdet_avp.structures.boxes import bev_corners
 from pcdet_avp.structures.pose import Pose
-
-PIECE_M = 1.0  # a curved road's surface is made of rectangles about so long
+from pcdet_avp.structures.roadside_unit import MountedUnit
 
 
 @dataclass(frozen=True)
@@ -83,25 +89,6 @@ class Mount:
 
 
 @dataclass(frozen=True)
-class Unit:
-    """A roadside unit: a place, where it looks (rad), and which sensors it has."""
-
-    id: str
-    x: float
-    y: float
-    z: float
-    yaw: float
-    pitch_down: float
-    camera: bool = True
-    lidar: bool = True
-
-    @property
-    def plan_from_unit(self) -> Pose:
-        """Pose of the unit's frame: origin on the floor below its sensors, x where it looks."""
-        return Pose.from_xyz_yaw(self.x, self.y, yaw=self.yaw)
-
-
-@dataclass(frozen=True)
 class Floor:
     """Everything of a floor that stands still, except the parked cars."""
 
@@ -115,7 +102,7 @@ class Floor:
     walls: tuple[Wall, ...] = ()
     lamps: tuple[Lamp, ...] = ()
     mounts: tuple[Mount, ...] = ()
-    units: tuple[Unit, ...] = ()
+    units: tuple[MountedUnit, ...] = ()
     lines: Mapping[str, tuple[int, ...]] = field(default_factory=dict, compare=False, hash=False, repr=False)
 
     @property
@@ -218,86 +205,9 @@ def from_axes(slot: Slot, along: float, aside: float) -> tuple[float, float]:
     return float(slot.x + c * along - s * aside), float(slot.y + s * along + c * aside)
 
 
-def offset_path(path: Path, left_m: float) -> Path:
-    """The line that runs so far to the left of a path."""
-    segments = []
-    for s in path.segments:
-        scale = 1 - s.curvature * left_m
-        x, y = s.x - left_m * np.sin(s.yaw), s.y + left_m * np.cos(s.yaw)
-        segments.append(Segment(float(x), float(y), s.yaw, s.length * scale, s.curvature / scale))
-    return Path(tuple(segments))
-
-
-def reversed_path(path: Path) -> Path:
-    """The same line, driven the other way."""
-    segments = []
-    for s in reversed(path.segments):
-        x, y, yaw = s.at(s.length)
-        segments.append(Segment(x, y, float(yaw + np.pi), s.length, -s.curvature))
-    return Path(tuple(segments))
-
-
-def moved_path(path: Path, dst_from_src: Pose) -> Path:
-    """The same line in another frame."""
-    moved = []
-    for s in path.segments:
-        x, y, yaw = _moved_xy_yaw(dst_from_src, s.x, s.y, s.yaw)
-        moved.append(replace(s, x=x, y=y, yaw=yaw))
-    return Path(tuple(moved))
-
-
-def path_boxes(path: Path, right_m: float, left_m: float) -> np.ndarray:
-    """(P, 7) rectangles that cover a strip along a path; straights are one each."""
-    boxes = []
-    for s in path.segments:
-        count = 1 if s.curvature == 0 else max(int(np.ceil(s.length / PIECE_M)), 1)
-        edges = np.linspace(0, s.length, count + 1)
-        for a, b in pairwise(edges):
-            x, y, yaw = s.at((a + b) / 2)
-            shift = (left_m - right_m) / 2
-            stretch = 1 + abs(s.curvature) * max(right_m, left_m)  # so that curved strips leave no gaps outside
-            centre = x - shift * np.sin(yaw), y + shift * np.cos(yaw)
-            if b > a:
-                boxes.append((*centre, 0.5, (b - a) * stretch, right_m + left_m, 1.0, yaw))
-    return np.array(boxes, float).reshape(-1, 7)
-
-
-def nearest(path: Path, x: float, y: float, step_m: float = 0.1) -> tuple[float, float]:
-    """How far along a path it comes nearest to a point, and how near (m); found on a lattice of ``step_m``."""
-    along, xy = _lattice(path, step_m)
-    distance = np.hypot(xy[:, 0] - x, xy[:, 1] - y)
-    best = int(np.argmin(distance))
-    return float(along[best]), float(distance[best])
-
-
-@lru_cache(maxsize=256)
-def _lattice(path: Path, step_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Places (L,) along a path and their points (L, 2)."""
-    along = np.linspace(0, path.length, max(int(path.length / step_m), 1) + 1)
-    xy, begin = np.zeros((len(along), 2)), 0.0
-    for piece in path.segments:
-        here = along >= begin - 1e-9  # pieces behind overwrite their own part
-        half_turn = piece.curvature * (along[here] - begin) / 2
-        chord = (along[here] - begin) * np.sinc(half_turn / np.pi)
-        xy[here, 0] = piece.x + chord * np.cos(piece.yaw + half_turn)
-        xy[here, 1] = piece.y + chord * np.sin(piece.yaw + half_turn)
-        begin += piece.length
-    return along, xy
-
-
-def heading_near(path: Path, x: float, y: float) -> float:
-    return path.at(nearest(path, x, y)[0])[2]
-
-
-def _moved_xy_yaw(pose: Pose, x: float, y: float, yaw: float) -> tuple[float, float, float]:
-    moved = pose.apply(np.array([x, y, 0.0]))
-    turn = np.arctan2(pose.matrix[1, 0], pose.matrix[0, 0])
-    return float(moved[0]), float(moved[1]), float(yaw + turn)
-
-
 def _moved(floor: Floor, pose: Pose) -> Floor:
     def xy_yaw(x: float, y: float, yaw: float = 0.0) -> tuple[float, float, float]:
-        return _moved_xy_yaw(pose, x, y, yaw)
+        return moved_xy_yaw(pose, x, y, yaw)
 
     def spot(element, yaw_name: str | None = None):
         x, y, yaw = xy_yaw(element.x, element.y, getattr(element, yaw_name) if yaw_name else 0.0)
@@ -318,5 +228,5 @@ def _moved(floor: Floor, pose: Pose) -> Floor:
         walls=tuple(walls),
         lamps=tuple(spot(lamp) for lamp in floor.lamps),
         mounts=tuple(replace(spot(m), yaws=tuple(yaw + turn for yaw in m.yaws)) for m in floor.mounts),
-        units=tuple(spot(u, "yaw") for u in floor.units),
+        units=tuple(unit.moved(pose) for unit in floor.units),
     )

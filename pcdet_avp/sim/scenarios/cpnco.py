@@ -25,7 +25,7 @@ from pcdet_avp.sim.render.lights import Lighting, draw_lighting
 from pcdet_avp.sim.scenarios.bays import bays_on_the_right
 from pcdet_avp.sim.scenarios.crossing import STEP_ASIDE_M
 from pcdet_avp.sim.scenarios.protocol_pedestrian import WALKING_MPS, draw_target
-from pcdet_avp.sim.scenarios.scenario import SETTLE_S, Scenario, Threat, start_before
+from pcdet_avp.sim.scenarios.scenario import SETTLE_S, Scenario, Threat, scenario_in, start_before
 from pcdet_avp.sim.scenarios.traffic import draw_parked
 from pcdet_avp.sim.trajectories import RunUp, Standing
 from pcdet_avp.structures.ego import EGO_LENGTH_M, EGO_WIDTH_M
@@ -67,14 +67,13 @@ def cpnco_episode(cfg: CpncoConfig, name: str, seed: int, trial: int, cruising_m
     release_x = meets_x - cruising_mps * path.duration(plan.meet_m)
     clear_after_m = STARTS_ASIDE_M + EGO_WIDTH_M / 2 + child.spec.along_m / 2 + STEP_ASIDE_M
     start_x = start_before(plan.layout, first_x - SETTLE_S * cruising_mps, name, cruising_mps)
-    return Scenario(
-        name=name,
-        trial=trial,
-        seed_key=(seed, trial),
-        cruising_mps=cruising_mps,
-        layout=plan.layout,
+    return scenario_in(
+        plan,
+        name,
+        seed,
+        trial,
+        cruising_mps,
         actors=(*plan.cars, child),
-        lighting=plan.lighting,
         ego_start_x=start_x,
         threats=(Threat(child.object_id, clear_after_m, release_x),),
         first_x=first_x,

@@ -27,7 +27,7 @@ from pcdet_avp.sim.render.lights import Lighting, draw_lighting
 from pcdet_avp.sim.scenarios.bays import bays_on_the_right
 from pcdet_avp.sim.scenarios.crossing import STEP_ASIDE_M
 from pcdet_avp.sim.scenarios.protocol_pedestrian import WALKING_MPS, draw_target
-from pcdet_avp.sim.scenarios.scenario import Scenario, Threat
+from pcdet_avp.sim.scenarios.scenario import Scenario, Threat, scenario_in
 from pcdet_avp.sim.scenarios.traffic import draw_parked, parked_in
 from pcdet_avp.sim.trajectories import Path, RunUp
 from pcdet_avp.structures.ego import BUMPER_X_M, EGO_LENGTH_M, EGO_WIDTH_M
@@ -70,14 +70,13 @@ def cpra_episode(cfg: CpraConfig, name: str, seed: int, trial: int, cruising_mps
     arrives_s = (meets_m - BUMPER_X_M) / cruising_mps
     walk = person.trajectory.released(arrives_s - person.trajectory.duration(STARTS_ASIDE_M))
     clear_after_m = STARTS_ASIDE_M + EGO_WIDTH_M / 2 + person.spec.along_m / 2 + STEP_ASIDE_M
-    return Scenario(
-        name=name,
-        trial=trial,
-        seed_key=(seed, trial),
-        cruising_mps=cruising_mps,
-        layout=plan.layout,
+    return scenario_in(
+        plan,
+        name,
+        seed,
+        trial,
+        cruising_mps,
         actors=(*plan.cars, Pedestrian(person.object_id, person.spec, walk)),
-        lighting=plan.lighting,
         ego_start_x=0.0,
         threats=(Threat(person.object_id, clear_after_m),),
         first_x=meets_m,

@@ -23,7 +23,7 @@ from pcdet_avp.sim.layouts import GarageConfig, draw_layout
 from pcdet_avp.sim.render.lights import Lighting, draw_lighting
 from pcdet_avp.sim.scenarios.bays import bays_on_the_right
 from pcdet_avp.sim.scenarios.protocol_pedestrian import WALKING_MPS, draw_target
-from pcdet_avp.sim.scenarios.scenario import Scenario, Threat
+from pcdet_avp.sim.scenarios.scenario import Scenario, Threat, scenario_in
 from pcdet_avp.sim.scenarios.traffic import draw_parked
 from pcdet_avp.sim.trajectories import Path, RunUp
 from pcdet_avp.structures.ego import BUMPER_X_M, EGO_LENGTH_M, EGO_WIDTH_M
@@ -66,14 +66,13 @@ def cpta_episode(cfg: CptaConfig, name: str, seed: int, trial: int, cruising_mps
     if release_m < BUMPER_X_M:
         raise ConfigError(f"{name}: the side road is too short for {cruising_mps:g} m/s; choose a lower speed")
     clear_after_m = STARTS_ASIDE_M + EGO_WIDTH_M / 2 + person.spec.along_m / 2 + BEYOND_M
-    return Scenario(
-        name=name,
-        trial=trial,
-        seed_key=(seed, trial),
-        cruising_mps=cruising_mps,
-        layout=plan.layout,
+    return scenario_in(
+        plan,
+        name,
+        seed,
+        trial,
+        cruising_mps,
         actors=(*plan.cars, person),
-        lighting=plan.lighting,
         ego_start_x=0.0,
         threats=(Threat(person.object_id, clear_after_m, release_m),),
         first_x=plan.meets_m,

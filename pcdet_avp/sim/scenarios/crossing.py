@@ -23,7 +23,7 @@ from pcdet_avp.sim.layouts import GarageConfig, draw_layout
 from pcdet_avp.sim.meshes.pedestrian_spec import draw_pedestrian
 from pcdet_avp.sim.render.lights import Lighting, draw_lighting
 from pcdet_avp.sim.scenarios.pedestrian_paths import vehicle_gaps
-from pcdet_avp.sim.scenarios.scenario import SETTLE_S, Scenario, Threat, start_before
+from pcdet_avp.sim.scenarios.scenario import SETTLE_S, Scenario, Threat, scenario_in, start_before
 from pcdet_avp.sim.scenarios.traffic import draw_parked
 from pcdet_avp.sim.scenarios.van_rows import Parked, places_behind_vans, vans_first
 from pcdet_avp.sim.trajectories import Waypoints
@@ -79,14 +79,13 @@ def crossing_episode(cfg: CrossingConfig, name: str, seed: int, trial: int, crui
     earliest = min(threat.release_x for threat in threats)
     start_x = start_before(plan.layout, min(plan.first_gap_x - SETTLE_S * cruising_mps, earliest), name, cruising_mps)
     last_x = max(x for crossing in plan.crossings for x, _ in crossing.pedestrian.trajectory.points)
-    return Scenario(
-        name=name,
-        trial=trial,
-        seed_key=(seed, trial),
-        cruising_mps=cruising_mps,
-        layout=plan.layout,
+    return scenario_in(
+        plan,
+        name,
+        seed,
+        trial,
+        cruising_mps,
         actors=(*plan.parked.values(), *(crossing.pedestrian for crossing in plan.crossings)),
-        lighting=plan.lighting,
         ego_start_x=start_x,
         threats=threats,
         first_x=plan.first_gap_x,

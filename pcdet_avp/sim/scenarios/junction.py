@@ -17,7 +17,7 @@ from pcdet_avp.sim.layouts import GarageConfig, draw_layout
 from pcdet_avp.sim.meshes.car_spec import SIZES_M, CarSpec, draw_car
 from pcdet_avp.sim.render.lights import Lighting, draw_lighting
 from pcdet_avp.sim.scenarios.junction_map import JunctionMap, conflict_zone
-from pcdet_avp.sim.scenarios.scenario import SETTLE_S, Scenario, Threat, start_before
+from pcdet_avp.sim.scenarios.scenario import SETTLE_S, Scenario, Threat, scenario_in, start_before
 from pcdet_avp.sim.scenarios.traffic import LEFT_TURN_RADIUS_M, SLOT_CLEARANCE_M, draw_parked, exit_left
 from pcdet_avp.sim.trajectories import Motion, Path, Route, Standing
 from pcdet_avp.structures.boxes import bev_corners
@@ -61,14 +61,13 @@ def junction_episode(cfg: JunctionConfig, name: str, seed: int, trial: int, crui
     other = Car(
         1 + max(car.object_id for car in plan.parked), plan.spec, Route(plan.path, cruising_mps, start_s), lamps_on=True
     )
-    return Scenario(
-        name=name,
-        trial=trial,
-        seed_key=(seed, trial),
-        cruising_mps=cruising_mps,
-        layout=plan.layout,
+    return scenario_in(
+        plan,
+        name,
+        seed,
+        trial,
+        cruising_mps,
         actors=(*plan.parked, other),
-        lighting=plan.lighting,
         ego_start_x=start_x,
         threats=(Threat(other.object_id, plan.leaves_m),),
         first_x=zone_x[0],

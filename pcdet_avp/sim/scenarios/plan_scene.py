@@ -7,27 +7,22 @@ drives in the unit's field of view.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from pcdet_avp.errors import ConfigError
-from pcdet_avp.sim.actors import Actor, Car, Pedestrian, box_at
-from pcdet_avp.sim.meshes.car_spec import draw_car
-from pcdet_avp.sim.meshes.pedestrian_spec import draw_pedestrian
-from pcdet_avp.sim.plans.floor import Floor, FloorLayout, Lane, Plan, Unit, offset_path
+from pcdet_avp.sim.actors import Actor
+from pcdet_avp.sim.plans.floor import Floor, FloorLayout, Lane, Plan
+from pcdet_avp.sim.plans.paths import offset_path
 from pcdet_avp.sim.render.lights import draw_lighting
+from pcdet_avp.sim.scenarios.cast import TRIES, Cast
 from pcdet_avp.sim.scenarios.pedestrian_paths import WALKING_SPEED_MPS
 from pcdet_avp.sim.scenarios.plan_sites import cut_path, gap_point, neighbours_of, reach_out, ways_through
-from pcdet_avp.sim.scenarios.reservations import Reservations
-from pcdet_avp.sim.scenarios.traffic import draw_parked
-from pcdet_avp.sim.trajectories import Pacing, Route, Standing, Trajectory
-from pcdet_avp.sim.world import EGO_SPEC, World
+from pcdet_avp.sim.trajectories import Pacing, Route, Standing
+from pcdet_avp.sim.world import World
+from pcdet_avp.structures.roadside_unit import MountedUnit
 from pcdet_avp.structures.scene_config import EgoZone, SceneConfig
 
-CAR_MARGIN_M, PEDESTRIAN_MARGIN_M = 0.3, 0.12
-TRIES, EGO_TRIES = 30, 300
-STEPS_PER_FRAME = 5  # overlap is checked this often per frame interval
+EGO_TRIES = 300
 IN_VIEW_RAD = np.radians(50.0)
 END_M = 3.2  # a car's middle stays so far from a lane's ends
 
@@ -43,12 +38,12 @@ def draw_on_plan(rng: np.random.Generator, cfg: SceneConfig, plan: Plan) -> tupl
     zone = cfg.zones[rng.choice(len(cfg.zones), p=[zone.share for zone in cfg.zones])]
     ego = _draw_ego(rng, cfg, floor, unit, zone, times[-1])
     layout = FloorLayout(floor, 0.0, 0.0)
-    actors = _Cast(rng, cfg, layout, ego, times).draw(zone)
+    actors = _FloorCast(rng, cfg, layout, ego, times).draw(zone)
     world = World(layout, actors, draw_lighting(layout.lamps, rng), unit=unit)
     return world, ego, times
 
 
-def _draw_ego(rng, cfg: SceneConfig, floor: Floor, unit: Unit, zone: EgoZone, duration: float) -> Route:
+def _draw_ego(rng, cfg: SceneConfig, floor: Floor, unit: MountedUnit, zone: EgoZone, duration: float) -> Route:
     """Along a lane, a little off its middle, from a place in the zone, or the nearest to it that is found."""
     best, least = None, np.inf
     lanes = floor.lanes
@@ -68,29 +63,23 @@ def _draw_ego(rng, cfg: SceneConfig, floor: Floor, unit: Unit, zone: EgoZone, du
     return Route(path, float(way / duration if duration > 0 else 0.0))
 
 
-def _miss(lane: Lane, s: float, unit: Unit, zone: EgoZone, in_view: bool) -> float:
+def _miss(lane: Lane, s: float, unit: MountedUnit, zone: EgoZone, in_view: bool) -> float:
     """How far (m) a place is from the zone; beside the unit's view, where it is asked for, as much as is far away."""
     x, y, _ = lane.path.at(s)
-    distance = float(np.hypot(x - unit.x, y - unit.y))
+    distance = float(np.hypot(x - unit.x_m, y - unit.y_m))
     near, far = zone.before_mast_m
     miss = max(near - distance, distance - far, 0.0)
-    bearing = np.arctan2(y - unit.y, x - unit.x) - unit.yaw
+    bearing = np.arctan2(y - unit.y_m, x - unit.x_m) - unit.yaw_rad
     outside = in_view and np.cos(bearing) < np.cos(IN_VIEW_RAD)
     return miss + (20.0 if outside else 0.0)
 
 
-class _Cast:
-    """Draws the road users of one scene, one after the other, each where it meets none of those before it."""
+class _FloorCast(Cast):
+    """The road users of a scene on a plan's floor."""
 
     def __init__(self, rng, cfg: SceneConfig, layout: FloorLayout, ego: Route, times: np.ndarray) -> None:
-        self.rng, self.cfg, self.floor, self.ego = rng, cfg, layout.floor, ego
-        self.parked = draw_parked(rng, layout, rng.uniform(*cfg.occupancy))
-        self.actors: list[Actor] = list(self.parked.values())
-        standing = [box_at(car, 0.0) for car in self.actors]
-        checks = np.linspace(times[0], times[-1], STEPS_PER_FRAME * (len(times) - 1) + 1)
-        self.taken = Reservations(checks, np.concatenate([layout.solid_boxes(), np.array(standing).reshape(-1, 7)]))
-        self.taken.claim(ego, EGO_SPEC.size, 0.0)
-        self.middle_s = times[-1] / 2
+        super().__init__(rng, cfg, layout, ego, times)
+        self.floor = layout.floor
         middle = ego.at(self.middle_s)
         self.near = np.array([middle.x, middle.y])
 
@@ -173,24 +162,3 @@ class _Cast:
         way = float(self.rng.uniform(6.0, 16.0)) * (1 if self.rng.random() < 0.5 else -1)
         end = x + way * np.cos(yaw), y + way * np.sin(yaw)
         return Pacing(float(x), float(y), *map(float, end), float(self.rng.uniform(*WALKING_SPEED_MPS)))
-
-    def _add_car(self, draw: Callable[[], Trajectory]) -> None:
-        spec = draw_car(self.rng)
-        trajectory = self._placed(draw, spec.size, CAR_MARGIN_M)
-        if trajectory is not None:
-            self.actors.append(Car(len(self.actors), spec, trajectory, lamps_on=True))
-
-    def _add_pedestrians(self, count: tuple[int, int], draw: Callable[[], Trajectory]) -> None:
-        for _ in range(self.rng.integers(count[0], count[1] + 1)):
-            spec = draw_pedestrian(self.rng)
-            trajectory = self._placed(draw, spec.size, PEDESTRIAN_MARGIN_M)
-            if trajectory is not None:
-                self.actors.append(Pedestrian(len(self.actors), spec, trajectory))
-
-    def _placed(self, draw: Callable[[], Trajectory], size, margin_m: float) -> Trajectory | None:
-        """The first of some drawn trajectories that keeps clear of all road users, or None."""
-        for _ in range(TRIES):
-            trajectory = draw()
-            if self.taken.claim(trajectory, size, margin_m):
-                return trajectory
-        return None

@@ -16,10 +16,15 @@ import numpy as np
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.sim.actors import Car
 from pcdet_avp.sim.garage import Slot
-from pcdet_avp.sim.plans.floor import Floor, FloorLayout, Junction, Lane, nearest
+from pcdet_avp.sim.plans.floor import Floor, FloorLayout, Junction, Lane
+from pcdet_avp.sim.plans.paths import nearest
+from pcdet_avp.sim.plans.read import cached_plan
 from pcdet_avp.sim.trajectories import Path, Segment
 from pcdet_avp.structures.pose import Pose
+from pcdet_avp.structures.roadside_unit import MountedUnit
 
+OCCUPANCY = 0.9  # share of the slots that hold a car in an episode
+SPREAD_S = 0.3  # of the arrival of who comes into the ego's way
 SHORTEST_M = 14.0  # of an approach
 BESIDE_M = 8.5  # a gap's mouth lies at most so far from the ego's lane
 ROLL_IN_M = 200.0  # how far before its straight the ego may start
@@ -33,6 +38,19 @@ class Site:
     layout: FloorLayout
     lane: str
     length: float
+
+
+def plan_floor(file: str, name: str | None = None) -> Floor:
+    """The floor of that name of a plan, by default its first."""
+    plan = cached_plan(file)
+    if name is not None and name not in {floor.name for floor in plan.floors}:
+        raise ConfigError(f"{file}: expected a floor {', '.join(f.name for f in plan.floors)}, found {name!r}")
+    return plan.floors[0] if name is None else plan.floor(name)
+
+
+def first_unit(layout: FloorLayout) -> MountedUnit | None:
+    """The roadside unit that a world of one unit has: the plan's first."""
+    return layout.floor.units[0] if layout.floor.units else None
 
 
 @lru_cache(maxsize=8)

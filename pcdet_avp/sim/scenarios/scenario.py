@@ -7,16 +7,18 @@ perceptions meet the very same road users. No mesh is built before the first ray
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.sim.actors import Actor
 from pcdet_avp.sim.garage import GarageLayout
-from pcdet_avp.sim.plans.floor import FloorLayout, Unit
+from pcdet_avp.sim.plans.floor import FloorLayout
 from pcdet_avp.sim.render.lights import Lighting
 from pcdet_avp.sim.scenarios.junction_map import JunctionMap
 from pcdet_avp.sim.trajectories import Path
 from pcdet_avp.sim.world import World
 from pcdet_avp.structures.ego import EGO_LENGTH_M
+from pcdet_avp.structures.roadside_unit import MountedUnit
 
 SETTLE_S = 6.0  # the ego cruises at least so long before the first gap or zone; pedestrians on a shorter one start late
 
@@ -59,7 +61,7 @@ class Scenario:
     max_lateral_acceleration_mps2: float = 0.0  # m/s2, of the vehicle on rails
     ego_path: Path | None = None
     reversing: bool = False
-    unit: Unit | None = None  # the roadside unit, world frame; None: the mast at the origin
+    unit: MountedUnit | None = None  # the roadside unit, world frame; None: the mast at the origin
 
     def ego_pose(self, way_m: float) -> tuple[float, float, float]:
         """x, y (m) and yaw (rad) of the ego frame after a way."""
@@ -70,6 +72,21 @@ class Scenario:
         world = World(self.layout, self.actors, self.lighting, self.reversing, self.unit)
         world.set_ego(*self.ego_pose(self.ego_start_x))
         return world
+
+
+class Drawn(Protocol):
+    """What an episode is drawn from: where it plays and how it is lit, whatever the speed."""
+
+    @property
+    def layout(self) -> GarageLayout | FloorLayout: ...
+    @property
+    def lighting(self) -> Lighting: ...
+
+
+def scenario_in(drawn: Drawn, name: str, seed: int, trial: int, cruising_mps: float, **facts: Any) -> Scenario:
+    """The blueprint of one episode of a seed; ``facts`` are the other fields of ``Scenario``."""
+    key = {"name": name, "trial": trial, "seed_key": (seed, trial), "cruising_mps": cruising_mps}
+    return Scenario(**key, layout=drawn.layout, lighting=drawn.lighting, **facts)
 
 
 def start_before(layout: GarageLayout, front_x: float, name: str, cruising_mps: float) -> float:

@@ -111,6 +111,12 @@ def find_scenario(name: str) -> ScenarioKind:
     return _on_plan(short, plan) if at else find_entry(SCENARIOS, name, "scenario")
 
 
+def file_name(name: str) -> str:
+    """A scenario's name as part of a file's: ``name@PLAN`` with the stem of the plan's file."""
+    short, _, plan = name.partition(ON_PLAN)
+    return f"{short}_{Path(plan).stem}" if plan else short
+
+
 def _on_plan(short: str, plan: str) -> ScenarioKind:
     """A scenario whose sites are found in a plan (``plan_episodes``)."""
     if short not in PLAN_SCENARIOS:

@@ -5,18 +5,16 @@ A scene is an episode of a few frames. No two road users overlap at any of its t
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from pcdet_avp.sim.actors import Actor, Car, Pedestrian, box_at
+from pcdet_avp.sim.actors import Actor
 from pcdet_avp.sim.garage import GarageLayout
 from pcdet_avp.sim.layouts import draw_layout
-from pcdet_avp.sim.meshes.car_spec import CarSpec, draw_car
-from pcdet_avp.sim.meshes.pedestrian_spec import draw_pedestrian
 from pcdet_avp.sim.plans.read import cached_plan
 from pcdet_avp.sim.render.lights import draw_lighting
+from pcdet_avp.sim.scenarios.cast import Cast
 from pcdet_avp.sim.scenarios.pedestrian_paths import (
     draw_along,
     draw_crossing,
@@ -25,15 +23,10 @@ from pcdet_avp.sim.scenarios.pedestrian_paths import (
     vehicle_gaps,
 )
 from pcdet_avp.sim.scenarios.plan_scene import draw_on_plan
-from pcdet_avp.sim.scenarios.reservations import Reservations
-from pcdet_avp.sim.scenarios.traffic import draw_junction_route, draw_lane_route, draw_parked
+from pcdet_avp.sim.scenarios.traffic import draw_junction_route, draw_lane_route
 from pcdet_avp.sim.trajectories import Path, Route, Trajectory
-from pcdet_avp.sim.world import EGO_SPEC, World
+from pcdet_avp.sim.world import World
 from pcdet_avp.structures.scene_config import EgoZone, SceneConfig
-
-CAR_MARGIN_M, PEDESTRIAN_MARGIN_M = 0.3, 0.12
-TRIES = 30  # a road user that finds no free floor this often is left out
-STEPS_PER_FRAME = 5  # overlap is checked this often per frame interval
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +59,7 @@ def draw_training_scene(rng: np.random.Generator, cfg: SceneConfig | None = None
     times = np.arange(cfg.frames) * cfg.frame_interval_s
     zone = cfg.zones[rng.choice(len(cfg.zones), p=[zone.share for zone in cfg.zones])]
     ego = _draw_ego(rng, cfg, layout, zone, times[-1])
-    actors = _Cast(rng, cfg, layout, ego, times).draw(zone)
+    actors = _GarageCast(rng, cfg, layout, ego, times).draw(zone)
     return TrainingScene(World(layout, actors, draw_lighting(layout.lamps, rng)), ego, times)
 
 
@@ -80,18 +73,12 @@ def _draw_ego(rng, cfg: SceneConfig, layout: GarageLayout, zone: EgoZone, durati
     return Route(Path.from_pose(float(x), float(layout.lane_y + y), float(yaw)).straight(float(way)), float(speed))
 
 
-class _Cast:
-    """Draws the road users of one scene, one after the other, each where it meets none of those before it."""
+class _GarageCast(Cast):
+    """The road users of a scene in a drawn garage."""
 
     def __init__(self, rng, cfg: SceneConfig, layout: GarageLayout, ego: Route, times: np.ndarray) -> None:
-        self.rng, self.cfg, self.layout = rng, cfg, layout
-        self.parked = draw_parked(rng, layout, rng.uniform(*cfg.occupancy))
-        self.actors: list[Actor] = list(self.parked.values())
-        standing = [box_at(car, 0.0) for car in self.actors]
-        checks = np.linspace(times[0], times[-1], STEPS_PER_FRAME * (len(times) - 1) + 1)
-        self.floor = Reservations(checks, np.concatenate([layout.solid_boxes(), np.array(standing).reshape(-1, 7)]))
-        self.floor.claim(ego, EGO_SPEC.size, 0.0)
-        self.middle_s = times[-1] / 2
+        super().__init__(rng, cfg, layout, ego, times)
+        self.layout = layout
         self.x_range = ego.at(0.0).x - 2.0, min(ego.at(times[-1]).x + cfg.view_m, -1.0)
 
     def draw(self, zone: EgoZone) -> list[Actor]:
@@ -114,24 +101,3 @@ class _Cast:
 
     def _x(self) -> float:
         return float(self.rng.uniform(*self.x_range))
-
-    def _add_car(self, draw: Callable[[], Trajectory]) -> None:
-        spec = draw_car(self.rng)
-        trajectory = self._placed(draw, spec, CAR_MARGIN_M)
-        if trajectory is not None:
-            self.actors.append(Car(len(self.actors), spec, trajectory, lamps_on=True))
-
-    def _add_pedestrians(self, count: tuple[int, int], draw: Callable[[], Trajectory]) -> None:
-        for _ in range(self.rng.integers(count[0], count[1] + 1)):
-            spec = draw_pedestrian(self.rng)
-            trajectory = self._placed(draw, spec, PEDESTRIAN_MARGIN_M)
-            if trajectory is not None:
-                self.actors.append(Pedestrian(len(self.actors), spec, trajectory))
-
-    def _placed(self, draw: Callable[[], Trajectory], spec: CarSpec, margin_m: float) -> Trajectory | None:
-        """The first of some drawn trajectories that keeps clear of all road users, or None."""
-        for _ in range(TRIES):
-            trajectory = draw()
-            if self.floor.claim(trajectory, spec.size, margin_m):
-                return trajectory
-        return None

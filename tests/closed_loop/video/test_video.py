@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from plan_files import PLANS
 
 from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
 from pcdet_avp.closed_loop.perception.oracle import Oracle
@@ -15,16 +16,18 @@ from pcdet_avp.closed_loop.video import video
 from pcdet_avp.closed_loop.video.episode_picture import (
     ALONE_COLOR,
     BEHIND_M,
-    FAR_RIGHT_Y_M,
     FUSED_COLOR,
     MAP_PX,
     MAP_SCALE,
+    Background,
     EpisodePainter,
     Moment,
 )
+from pcdet_avp.closed_loop.video.garage_plan import ASPHALT, CONCRETE, FAR_RIGHT_Y_M, PARKED
 from pcdet_avp.closed_loop.video.recording import record_episode
 from pcdet_avp.closed_loop.video.video_sweep import telling_cases
 from pcdet_avp.config import load_config
+from pcdet_avp.sim.actors import box_at, stands
 from pcdet_avp.sim.scenarios.table import draw_scenario
 from pcdet_avp.structures.frame import AgentView
 from pcdet_avp.structures.pose import Pose
@@ -135,12 +138,32 @@ def test_detections_are_ringed_at_their_metres_on_the_map():
     infra = AgentView(Pose.from_xyz_yaw(0.0, 0.0, yaw=np.pi), None, None)
     pedestrian, other = (np.array([[x, y, 0.9, 0.4, 0.4, 1.8, 0.0]]) for x, y in ((-40.0, 2.0), (-30.0, 0.0)))
     moment = Moment(0.5, ego, infra, np.zeros((0, 7)), pedestrian, other, np.zeros((0, 7)))
-    image = EpisodePainter(plan, 100.0, strip, "t", uses_infra=True).picture(moment)
+    image = EpisodePainter(Background(plan, 100.0, FAR_RIGHT_Y_M), strip, "t", uses_infra=True).picture(moment)
     floor = image[: MAP_PX[1] - 100, -MAP_PX[0] :]  # without the legend
     for color, box in ((FUSED_COLOR, pedestrian[0]), (ALONE_COLOR, other[0])):
         rows, columns = np.nonzero(np.abs(floor.astype(int) - color).max(-1) < 30)
         assert columns.mean() == pytest.approx((box[0] + 50.0 + BEHIND_M) * MAP_SCALE, abs=2)
         assert rows.mean() == pytest.approx(MAP_PX[1] - (box[1] - FAR_RIGHT_Y_M) * MAP_SCALE, abs=2)
+
+
+def test_a_plans_floor_lies_under_the_ego():
+    """A site of the low deck: lane, parked cars and walls where they stand in the episode's world, nothing beyond."""
+    scenario = draw_scenario(f"pedestrian@{PLANS}/low_deck.yaml", 0, 0, 6.0)
+    background = Background.of(scenario)
+    window = background.around(Pose.from_xyz_yaw(10.0, 0.0))
+
+    def color(x, y):
+        column, row = window.pixels(np.array([x, y])).astype(int)
+        return window.image[row, column].tolist()
+
+    parked = [box_at(actor, 0.0) for actor in scenario.actors if stands(actor)]
+    near = [box for box in parked if 4 < box[0] < 44 and abs(box[1]) < 15]
+    assert len(near) > 5
+    assert all(color(*box[:2]) == list(PARKED) for box in near)
+    assert color(10.0, 0.7) == list(ASPHALT)
+    walls = [box for box in scenario.layout.solid_boxes() if 4 < box[0] < 44 and abs(box[1]) < 15]
+    assert any(color(*box[:2]) == list(CONCRETE) for box in walls)
+    assert (background.around(Pose.from_xyz_yaw(-300.0, 0.0)).image == 18).all()
 
 
 def test_a_strip_has_its_cursor_at_its_share_of_the_time():

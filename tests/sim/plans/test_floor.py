@@ -6,7 +6,8 @@ from plan_files import SHIPPED, floor_of, parsed
 
 from pcdet_avp.sim.meshes.floor_building import floor_mesh
 from pcdet_avp.sim.plans.check import problems
-from pcdet_avp.sim.plans.floor import from_axes, in_axes, nearest
+from pcdet_avp.sim.plans.floor import from_axes, in_axes
+from pcdet_avp.sim.plans.paths import nearest
 from pcdet_avp.sim.plans.read import read_plan
 from pcdet_avp.structures.pose import Pose
 
@@ -66,7 +67,7 @@ def test_a_moved_floor_moves_back():
     assert np.allclose(back.solid_boxes()[:, :6], floor.solid_boxes()[:, :6])
     for old, new in zip(floor.lanes, back.lanes, strict=True):
         assert new.path.at(7.0)[:2] == pytest.approx(old.path.at(7.0)[:2])
-    assert back.units[0].yaw == pytest.approx(floor.units[0].yaw)
+    assert back.units[0].yaw_rad == pytest.approx(floor.units[0].yaw_rad)
 
 
 def test_slot_axes_point_inwards(tmp_path):

@@ -8,8 +8,10 @@ from pcdet_avp.closed_loop.episode import run_episode
 from pcdet_avp.closed_loop.perception.oracle import Blind, Oracle
 from pcdet_avp.closed_loop.perception.perceiver import PerceiverSettings
 from pcdet_avp.errors import ConfigError
-from pcdet_avp.sim.plans.floor import nearest
-from pcdet_avp.sim.scenarios.plan_episodes import PLAN_SCENARIOS, find_conflicts, pedestrian_on_plan
+from pcdet_avp.sim.plans.paths import nearest
+from pcdet_avp.sim.scenarios.plan_crossing import pedestrian_on_plan
+from pcdet_avp.sim.scenarios.plan_episodes import PLAN_SCENARIOS
+from pcdet_avp.sim.scenarios.plan_junction import find_conflicts
 from pcdet_avp.sim.scenarios.plan_sites import connection, cut_path, find_sites
 from pcdet_avp.sim.scenarios.table import find_scenario
 from pcdet_avp.structures.ego import EGO_LENGTH_M, EGO_WIDTH_M

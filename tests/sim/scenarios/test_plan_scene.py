@@ -8,7 +8,7 @@ from plan_files import PLANS, SHIPPED, floor_of, written
 
 from pcdet_avp.config import load_config
 from pcdet_avp.errors import ConfigError
-from pcdet_avp.sim.plans.floor import nearest
+from pcdet_avp.sim.plans.paths import nearest
 from pcdet_avp.sim.rig import Rig, capture
 from pcdet_avp.sim.scenarios.training_scene import draw_training_scene
 from pcdet_avp.structures.boxes import transform_boxes
@@ -44,10 +44,10 @@ def test_the_unit_hangs_where_the_plan_says():
     frame = capture(scene.seek(0), rig, (0, 0, 0), "a/0", sources=("infra_camera",))
     unit = floor_of("low_deck").units[0]
     camera = frame.infra.world_from_agent @ frame.infra.camera.agent_from_camera
-    assert camera.translation == pytest.approx([unit.x, unit.y, unit.z])
+    assert camera.translation == pytest.approx([unit.x_m, unit.y_m, unit.z_m])
     forward = camera.rotation[:, 2]
-    assert np.arctan2(forward[1], forward[0]) % (2 * np.pi) == pytest.approx(unit.yaw % (2 * np.pi))
-    assert -np.arcsin(forward[2]) == pytest.approx(unit.pitch_down)
+    assert np.arctan2(forward[1], forward[0]) % (2 * np.pi) == pytest.approx(unit.yaw_rad % (2 * np.pi))
+    assert -np.arcsin(forward[2]) == pytest.approx(unit.pitch_down_rad)
     boxes = transform_boxes(frame.ego.world_from_agent, frame.labels.boxes)
     assert np.allclose(boxes[:, :6], scene.seek(0).road_users().boxes[:, :6])
 
