@@ -9,8 +9,8 @@
 # own and the rule holds. The checker's exit status is 0 with issues of level 1 (error) as without: read the result file.
 #
 # Seen (2026-11-29), two straight roads that meet head on in a junction:
-#     by default: exit status 0, one_connection_element 1
-#     by lanes:   exit status 0, one_connection_element 0
+#     default: exit status 0, rule completed 1, one_connection_element 1
+#     lanes: exit status 0, rule completed 1, one_connection_element 0
 # Ends with 0 while this is so, with 1 if it changes.
 set -euo pipefail
 folder=$(mktemp -d)
