@@ -53,7 +53,7 @@ class EpisodeFormat:
             self._writer()
         except (ImportError, TypeError) as error:  # TypeError: generated code that the installed protobuf refuses
             why = str(error).partition("\n")[0]
-            raise ConfigError(f"--formats {self.name}: {self.extra} cannot be imported ({why}): {install}") from error
+            raise ConfigError(f"--formats {self.name}: its package cannot be imported ({why}): {install}") from error
         if ON_PLAN in scenario and not self.on_plans:
             raise ConfigError(
                 f"--formats {self.name}: holds the drawn garages' map alone, not a plan's; found {scenario}"
