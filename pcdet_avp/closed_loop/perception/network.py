@@ -78,11 +78,15 @@ class DrivingNetwork:
         return self.network.global_step.device
 
 
-def named(frame_id: str, found: Mapping[str, torch.Tensor], class_names: Sequence[str]) -> Detections:
-    """From one frame's pred_boxes (M, 7), pred_labels (M,), counted from 1, and pred_scores (M,)."""
-    names = np.array(class_names)[found["pred_labels"].cpu().numpy() - 1]
-    boxes, scores = (found[key].cpu().double().numpy() for key in ("pred_boxes", "pred_scores"))
-    return Detections(frame_id, boxes, names, scores)
+def named(frame_id: str, found: Mapping[str, torch.Tensor | np.ndarray], class_names: Sequence[str]) -> Detections:
+    """From one frame's pred_boxes (M, 7), pred_labels (M,), counted from 1, and pred_scores (M,).
+
+    They are tensors where torch computed them, and arrays where an exported network did.
+    """
+    keys = ("pred_labels", "pred_boxes", "pred_scores")
+    labels, boxes, scores = (np.asarray(x.cpu() if isinstance(x, torch.Tensor) else x) for x in map(found.get, keys))
+    names = np.array(class_names)[labels - 1]
+    return Detections(frame_id, boxes.astype(np.float64), names, scores.astype(np.float64))
 
 
 def untrained(cfg: Mapping, seed: int = 0) -> DrivingNetwork:

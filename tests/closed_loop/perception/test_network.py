@@ -103,3 +103,18 @@ def test_weights_that_changed_meanwhile_are_refused(ckpt):
     assert driving_network.load(CFG, (), ckpt, right).facts["iterations"] == 12
     with pytest.raises(CheckpointError, match=r"tiny.pth: was written anew meanwhile"):
         driving_network.load(CFG, (), ckpt, "0" * 64)
+
+
+def test_detections_of_an_exported_network_are_arrays_and_of_torch_tensors():
+    arrays = {
+        "pred_boxes": np.arange(14, dtype=np.float32).reshape(2, 7),
+        "pred_scores": np.array([0.5, 0.25], np.float32),
+        "pred_labels": np.array([2, 1]),
+    }
+    tensors = {key: torch.from_numpy(value) for key, value in arrays.items()}
+    for found in (arrays, tensors):
+        ours = driving_network.named("0000/001", found, ["Car", "Pedestrian"])
+        assert ours.names.tolist() == ["Pedestrian", "Car"]
+        assert ours.boxes.dtype == ours.scores.dtype == np.float64
+        np.testing.assert_array_equal(ours.boxes, arrays["pred_boxes"])
+        assert ours.scores.tolist() == [0.5, 0.25]
