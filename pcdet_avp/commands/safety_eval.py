@@ -26,9 +26,10 @@ from pcdet_avp.closed_loop.perception.factory import PERCEPTIONS
 from pcdet_avp.closed_loop.perception.faults import FAULTS, MARK
 from pcdet_avp.closed_loop.perception.link_options import add_link_arguments
 from pcdet_avp.closed_loop.report.report import write_report
-from pcdet_avp.closed_loop.sweep.arguments import sweep_meta, sweep_of
+from pcdet_avp.closed_loop.sweep.arguments import known_trials, sweep_meta, sweep_of
 from pcdet_avp.closed_loop.sweep.summary import crash_text, summary, write_results
 from pcdet_avp.closed_loop.sweep.sweep import Sweep, run_sweep
+from pcdet_avp.closed_loop.sweep.training_garages import sentence
 from pcdet_avp.closed_loop.video.video_sweep import write_sweep_videos
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.runtime_arguments import add_runtime_arguments
@@ -94,6 +95,8 @@ def certify(args: argparse.Namespace, sweep: Sweep, started: float) -> None:
 def fill_tables(args: argparse.Namespace, sweep: Sweep, started: float) -> None:
     """Crash tables, their report, and videos where they are asked for."""
     out = args.out or Path("output", "safety_eval", f"{_folder(sweep.scenario)}_{sweep.perception}")
+    if known := known_trials(args, sweep):
+        print(f"note: {sentence(known, sweep.seed)}")
     finished = run_sweep(sweep, out, args.workers, args.scheduler)
     write_results(out, finished, sweep_meta(args, sweep, started))
     rows = [finished[case][0] for case in sorted(finished) if case.scenario == sweep.scenario]
