@@ -75,7 +75,8 @@ def main() -> None:
     if args.data_path:
         _show_clouds(args, cfg, ckpt, ranks, out, logger)
         return
-    dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split=args.split)
+    how = {"training": False, "split": args.split, "logger": logger, "needs_labels": False}
+    dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, **how)
     model, content = load_network(cfg, ckpt, dataset, ranks, logger)
 
     def picture(index: int, tight: bool = False) -> np.ndarray:

@@ -2,6 +2,8 @@
 
 import hashlib
 import json
+import logging
+import shlex
 import shutil
 import sys
 from dataclasses import replace
@@ -11,12 +13,15 @@ import pytest
 from datasets.importers.written import write_json
 
 from pcdet_avp.commands import import_data
-from pcdet_avp.config import load_config
+from pcdet_avp.config import apply_overrides, load_config
+from pcdet_avp.datasets import build_dataset
 from pcdet_avp.datasets.avp.avp_dataset import AvpDataset
 from pcdet_avp.datasets.avp.manifest import read_manifest
+from pcdet_avp.datasets.avp.network_input import NetworkInput
 from pcdet_avp.datasets.avp.record import read_frame, read_record
 from pcdet_avp.datasets.importers import run
 from pcdet_avp.errors import RecordError
+from pcdet_avp.models import build_network
 from pcdet_avp.structures.sensor_set import SOURCES
 
 TINY = "cfgs/dataset_configs/avp_tiny.yaml"
@@ -201,6 +206,26 @@ def test_the_tool_says_what_it_left_out(foreign, tmp_path, monkeypatch, capsys):
     assert "4 x label without a size left out" in out
     assert f"wrote {tmp_path / 'set'}: train " in out
     assert 'CLASS_NAMES "[Car]"' in out
+    # What it prints is a command that works: the shipped configuration with these words makes a network.
+    words = shlex.split(out.partition("--set ")[2])
+    cfg = apply_overrides(load_config("cfgs/avp/cp_tiny.yaml"), words)
+    assert AvpDataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split="train").class_names == ["Car"]
+    network_input = NetworkInput.from_config(cfg.DATA_CONFIG, cfg.CLASS_NAMES)
+    assert [c.name for c in build_network(cfg.MODEL, 1, network_input).dense_head.classes] == ["Car"]
+
+
+def test_pictures_of_an_import_need_no_labels_of_every_class(imported):
+    """So that the shipped weights, which know both classes, can be looked at on it before anything is trained."""
+    cfg, warned = load_config(TINY) | {"DATA_PATH": str(imported["dair_v2x"])}, []
+    with pytest.raises(RecordError, match=r"class_names: holds \['Car'\], but 'Pedestrian' is asked for"):
+        AvpDataset(cfg, ["Car", "Pedestrian"], training=False, split="train")
+    logger = logging.Logger("pictures")
+    logger.addFilter(lambda record: warned.append(record.getMessage()))
+    how = {"training": False, "split": "train", "logger": logger, "needs_labels": False}
+    dataset = build_dataset(cfg, ["Car", "Pedestrian"], **how)
+    assert dataset.class_names == ["Car", "Pedestrian"]
+    assert len(dataset[0]["gt_boxes"])
+    assert any("has no labels of Pedestrian" in line for line in warned)
 
 
 def test_a_wrong_format_is_one_line_and_status_2(monkeypatch, capsys):
