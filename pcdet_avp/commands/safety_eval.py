@@ -19,8 +19,7 @@ from pcdet_avp.closed_loop.certify.arguments import (
     certification,
     check_certificate_arguments,
 )
-from pcdet_avp.closed_loop.certify.certificate import CERTIFICATE, certificate, page, write_certificate
-from pcdet_avp.closed_loop.certify.climb import counted
+from pcdet_avp.closed_loop.certify.certificate import CERTIFICATE, certificate, counted, page, write_certificate
 from pcdet_avp.closed_loop.certify.run import run_certification
 from pcdet_avp.closed_loop.perception.factory import PERCEPTIONS
 from pcdet_avp.closed_loop.perception.faults import FAULTS, MARK
@@ -87,7 +86,7 @@ def certify(args: argparse.Namespace, sweep: Sweep, started: float) -> None:
     finished = run_certification(asked, out, args.workers, args.scheduler, args.max_minutes)
     meta = sweep_meta(args, asked.sweep, started)
     entries = write_certificate(out, certificate(asked, finished), meta)
-    write_results(out, counted(asked, finished), meta)
+    write_results(out, counted(entries, finished), meta)
     print("\n".join(page(entries, meta)))
     print(f"\nwrote {out / CERTIFICATE}")
 
