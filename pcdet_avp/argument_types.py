@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 from pcdet_avp.errors import ConfigError
@@ -15,6 +15,25 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> None:
         raise ConfigError(f"{message}; {self.prog} --help lists the arguments")
+
+
+def check_together(
+    args: argparse.Namespace, needs: Mapping[str, str], excludes: Iterable[tuple[str, str]] = ()
+) -> None:
+    """ConfigError for an option without the one that it ``needs``, or beside one that would leave it unused.
+
+    Names of options without their hyphens; an option was given if it is neither None nor False.
+    """
+
+    def given(name: str) -> bool:
+        return getattr(args, name) is not None and getattr(args, name) is not False
+
+    for name, other in needs.items():
+        if given(name) and not given(other):
+            raise ConfigError(f"--{name}: belongs to --{other}, which was not given")
+    for name, other in excludes:
+        if given(name) and given(other):
+            raise ConfigError(f"--{name} and --{other}: give one of them")
 
 
 def _whole(least: int) -> Callable[[str], int]:

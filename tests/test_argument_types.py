@@ -1,7 +1,9 @@
 """Numbers and paths of the command line: what cannot be meant is one line before anything starts."""
 
 import argparse
+import importlib
 import os
+import sys
 from pathlib import Path
 
 import pytest
@@ -49,3 +51,40 @@ def test_every_tool_expands_paths_and_bounds_its_numbers():
             for bare in ("type=int,", "type=float,", "type=Path,"):
                 assert bare not in line or "choices=" in line, f"{file.name}: {line.strip()}"
     assert os.listdir(folder)
+
+
+@pytest.mark.parametrize(
+    ("tool", "words", "message"),
+    [
+        ("demo", ["--columns", "5"], "--columns: belongs to --data_path"),
+        ("demo", ["--lidar_height_m", "0"], "--lidar_height_m: belongs to --data_path"),
+        ("demo", ["--data_path", "a.bin", "--frame", "a/0"], "--data_path and --frame: give one of them"),
+        ("demo", ["--frame", "a/0", "--pictures", "3"], "--frame and --pictures: give one of them"),
+        ("demo", ["--pictures", "3", "--frames", "5"], "--pictures and --frames: give one of them"),
+        ("test", ["--start_epoch", "3"], "--start_epoch: belongs to --eval_all"),
+        ("test", ["--eval_all", "--ckpt", "a.pth"], "--eval_all and --ckpt: give one of them"),
+        ("test", ["--eval_all", "--json", "a.json"], "--eval_all and --json: give one of them"),
+        ("test", ["--ckpt_dir", "runs", "--ckpt", "a.pth"], "--ckpt_dir and --ckpt: give one of them"),
+    ],
+)
+def test_an_option_that_would_be_ignored_is_refused(tool, words, message, monkeypatch):
+    module = importlib.import_module(f"pcdet_avp.commands.{tool}")
+    monkeypatch.setattr(sys, "argv", [tool, "--cfg", "c.yaml", *words])
+    with pytest.raises(ConfigError, match=message):
+        module.parse_arguments()
+
+
+@pytest.mark.parametrize(
+    ("tool", "words"),
+    [
+        ("demo", []),
+        ("demo", ["--data_path", "a.bin", "--columns", "5", "--intensity_scale", "255", "--lidar_height_m", "0"]),
+        ("demo", ["--frames", "5", "--split", "val"]),
+        ("test", ["--eval_all", "--start_epoch", "0", "--ckpt_dir", "runs"]),
+        ("test", ["--ckpt", "a.pth", "--json", "a.json"]),
+    ],
+)
+def test_options_that_belong_together_are_taken(tool, words, monkeypatch):
+    module = importlib.import_module(f"pcdet_avp.commands.{tool}")
+    monkeypatch.setattr(sys, "argv", [tool, "--cfg", "c.yaml", *words])
+    assert module.parse_arguments().cfg == "c.yaml"

@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import argparse
 from functools import partial
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
 
-from pcdet_avp.argument_types import column_count, non_negative_float, path, positive_float, positive_int
+from pcdet_avp.argument_types import (
+    check_together,
+    column_count,
+    non_negative_float,
+    path,
+    positive_float,
+    positive_int,
+)
 from pcdet_avp.cli import CKPT_HELP, config_parser, load_arguments_config, run_tool
 from pcdet_avp.config import require
 from pcdet_avp.datasets import build_dataset
@@ -26,6 +34,10 @@ from pcdet_avp.files import flat_name, make_folder
 from pcdet_avp.models.weights.checkpoint_file import THRESHOLDS_KEY
 from pcdet_avp.visualization.frame_choice import telling_frames
 from pcdet_avp.visualization.video import write_picture, write_video
+
+OF_CLOUDS = ("columns", "intensity_scale", "lidar_height_m")
+ONE_OF = [*combinations(("data_path", "frame", "pictures"), 2)]  # what is shown
+ONE_OF += [(shown, "frames") for shown in ("data_path", "frame", "pictures")]  # the length of a video
 
 
 def parse_arguments() -> argparse.Namespace:
@@ -60,7 +72,9 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--fps", type=positive_float, default=2.0, help="frames of the video a second (default: 2)")
     parser.add_argument("--out", type=path, help="folder (default: demo in the run's folder)")
     parser.add_argument("--device", choices=("cpu", "cuda"), help="default: a GPU where there is one")
-    return parser.parse_args()
+    args = parser.parse_args()
+    check_together(args, dict.fromkeys(OF_CLOUDS, "data_path"), ONE_OF)
+    return args
 
 
 def main() -> None:
@@ -75,7 +89,8 @@ def main() -> None:
     if args.data_path:
         _show_clouds(args, cfg, ckpt, ranks, out, logger)
         return
-    dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split=args.split)
+    how = {"training": False, "split": args.split, "logger": logger, "needs_labels": False}
+    dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, **how)
     model, content = load_network(cfg, ckpt, dataset, ranks, logger)
 
     def picture(index: int, tight: bool = False) -> np.ndarray:

@@ -19,17 +19,17 @@ from pcdet_avp.closed_loop.certify.arguments import (
     certification,
     check_certificate_arguments,
 )
-from pcdet_avp.closed_loop.certify.certificate import CERTIFICATE, certificate, page, write_certificate
-from pcdet_avp.closed_loop.certify.climb import counted
+from pcdet_avp.closed_loop.certify.certificate import CERTIFICATE, certificate, counted, page, write_certificate
 from pcdet_avp.closed_loop.certify.run import run_certification
 from pcdet_avp.closed_loop.export.sweep_page import write_sweep_page
 from pcdet_avp.closed_loop.perception.factory import PERCEPTIONS, find_perception
 from pcdet_avp.closed_loop.perception.faults import FAULTS, MARK
 from pcdet_avp.closed_loop.perception.link_options import add_link_arguments
 from pcdet_avp.closed_loop.report.report import PAGES, write_report
-from pcdet_avp.closed_loop.sweep.arguments import sweep_meta, sweep_of
+from pcdet_avp.closed_loop.sweep.arguments import known_trials, sweep_meta, sweep_of
 from pcdet_avp.closed_loop.sweep.summary import crash_text, summary, write_results
 from pcdet_avp.closed_loop.sweep.sweep import Sweep, run_sweep
+from pcdet_avp.closed_loop.sweep.training_garages import sentence
 from pcdet_avp.closed_loop.video.video_sweep import write_sweep_videos
 from pcdet_avp.runtime_arguments import add_runtime_arguments
 from pcdet_avp.sim.scenarios.table import ON_PLAN, SCENARIOS, file_name
@@ -84,7 +84,7 @@ def certify(args: argparse.Namespace, sweep: Sweep, started: float) -> None:
     finished = run_certification(asked, out, args.workers, args.scheduler, args.max_minutes)
     meta = sweep_meta(args, asked.sweep, started)
     entries = write_certificate(out, certificate(asked, finished), meta)
-    write_results(out, counted(asked, finished), meta)
+    write_results(out, counted(entries, finished), meta)
     print("\n".join(page(entries, meta)))
     print(f"\nwrote {out / CERTIFICATE}")
 
@@ -92,6 +92,8 @@ def certify(args: argparse.Namespace, sweep: Sweep, started: float) -> None:
 def fill_tables(args: argparse.Namespace, sweep: Sweep, started: float) -> None:
     """Crash tables, their report, and videos where they are asked for."""
     out = args.out or Path("output", "safety_eval", f"{file_name(sweep.scenario)}_{sweep.perception}")
+    if known := known_trials(args, sweep):
+        print(f"note: {sentence(known, sweep.seed)}")
     finished = run_sweep(sweep, out, args.workers, args.scheduler)
     write_results(out, finished, sweep_meta(args, sweep, started))
     rows = [finished[case][0] for case in sorted(finished) if case.scenario == sweep.scenario]

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from pcdet_avp.argument_types import non_negative_int, path, positive_int
+from pcdet_avp.argument_types import check_together, non_negative_int, path, positive_int
 from pcdet_avp.cli import CKPT_HELP, config_parser, load_arguments_config, run_tool
 from pcdet_avp.datasets.avp.splits import SPLITS
 from pcdet_avp.deploy.runtime import TORCH
@@ -38,13 +38,16 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--eval_tag", help="name of this evaluation (default: default, or wire)")
     parser.add_argument("--eval_all", action="store_true", help="test every checkpoint, curves in TensorBoard")
     parser.add_argument(
-        "--start_epoch", type=non_negative_int, default=0, help="with --eval_all: only from this epoch on"
+        "--start_epoch", type=non_negative_int, metavar="N", help="with --eval_all: only from this epoch on"
     )
     parser.add_argument("--save_to_file", action="store_true", help="the detections of every frame as text, too")
-    parser.add_argument("--ckpt_dir", type=path, help="folder for --eval_all (default: the run's)")
+    parser.add_argument("--ckpt_dir", type=path, help="folder of checkpoints (default: the run's)")
     parser.add_argument("--launcher", choices=distributed.LAUNCHERS, help="default: found out from the environment")
     parser.add_argument("--device", choices=("cpu", "cuda"), help="default: a GPU where there is one")
-    return parser.parse_args()
+    args = parser.parse_args()
+    one_of_all = [("eval_all", name) for name in ("ckpt", "exported", "json")]  # one file for all would keep the last
+    check_together(args, {"start_epoch": "eval_all"}, [*one_of_all, ("ckpt_dir", "ckpt"), ("ckpt_dir", "exported")])
+    return args
 
 
 def main() -> None:
@@ -67,9 +70,9 @@ def _checkpoints(args: argparse.Namespace, folder: RunFolder, tell: Callable[[st
     if args.runtime != TORCH:
         return [args.exported]
     where = args.ckpt_dir or folder.checkpoints
-    if args.ckpt or not args.eval_all:
+    if not args.eval_all:
         return [choose_checkpoint(args.ckpt, args.cfg, where, tell)]
-    return epoch_checkpoints(where, args.start_epoch)
+    return epoch_checkpoints(where, args.start_epoch or 0)
 
 
 def _test(cfg, path: Path, combos: list[str], ranks, logger, args: argparse.Namespace) -> BenchmarkResult | DepthResult:

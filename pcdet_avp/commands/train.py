@@ -111,8 +111,8 @@ def _is_slow(cfg, ranks: distributed.Ranks) -> bool:
 def _make_data(cfg, args: argparse.Namespace, logger) -> None:
     root = Path(require(cfg.DATA_CONFIG, "DATA_PATH", str))
     begun = (root / MANIFEST_FILE).exists()
-    if begun and read_manifest(root).complete:
-        return
+    if begun and (read_manifest(root).complete or "GENERATE" not in read_manifest(root).generator):
+        return  # an import or a recording that is unfinished is none of ours to finish: reading it says what is missing
     if not begun:
         _refuse_misspelt(root)
     logger.info(f"the data set in {root} is unfinished: going on" if begun else f"no data set in {root}: making it")

@@ -9,13 +9,22 @@ from pcdet_avp.registry import DATASETS
 
 
 def build_dataset(
-    dataset_cfg, class_names: list[str], training: bool, split: str | None = None, logger: logging.Logger | None = None
+    dataset_cfg,
+    class_names: list[str],
+    training: bool,
+    split: str | None = None,
+    logger: logging.Logger | None = None,
+    **options,
 ):
-    """The data set that ``DATA_CONFIG.DATASET`` names; ``split`` overrides ``DATA_SPLIT`` ('train', 'val', 'test')."""
+    """The data set that ``DATA_CONFIG.DATASET`` names; ``split`` overrides ``DATA_SPLIT`` ('train', 'val', 'test').
+
+    ``options`` go to its class as they are.
+    """
     from pcdet_avp.datasets.avp import avp_dataset  # noqa: F401  torch is imported, and the class registered, only here
 
     cls = DATASETS[require(dataset_cfg, "DATASET", str)]
-    return cls(dataset_cfg=dataset_cfg, class_names=class_names, training=training, logger=logger, split=split)
+    required = {"dataset_cfg": dataset_cfg, "class_names": class_names, "training": training}
+    return cls(**required, logger=logger, split=split, **options)
 
 
 def has_split(dataset_cfg, split: str) -> bool:

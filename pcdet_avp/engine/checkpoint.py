@@ -87,11 +87,13 @@ def furthest_first(folder: Path) -> list[Path]:
 
 def epoch_checkpoints(folder: Path, start_epoch: int = 0) -> list[Path]:
     """A run's checkpoints of epochs from ``start_epoch`` on, the one trained shortest first; CheckpointError if none is
-    there at all. Files of other names count as the last epoch; the latest state between epochs is left out."""
-    found = furthest_first(folder)
-    if not found:
-        raise CheckpointError(f"{folder}: no checkpoint there")
-    return [path for path in reversed(found) if path.name != LATEST and _epoch_of(path) >= start_epoch]
+    there. Files of other names count as the last epoch; the latest state between epochs is left out."""
+    epochs = [path for path in reversed(furthest_first(folder)) if path.name != LATEST]
+    chosen = [path for path in epochs if _epoch_of(path) >= start_epoch]
+    if not chosen:
+        after = f" of epoch {start_epoch} or later; the last one is {epochs[-1].name}" if epochs else " there"
+        raise CheckpointError(f"{folder}: no checkpoint{after}")
+    return chosen
 
 
 def _epoch_of(path: Path) -> int:

@@ -3,7 +3,7 @@
 A row is plain data and goes into the JSON file as it is:
 {"combo": "C+CL", "region": "camera_fov", "Car": {"easy": {"0.7": ap, "0.01": ap}, "hard": ..., "overall": ...},
 "Pedestrian": {... "0.3" ...}, "bytes_per_map": {"camera": bytes, "lidar": bytes}}. AP in percent; null where no
-object had to be found, and for bytes where nothing is sent.
+object had to be found (of a class that the network does not know, neither), and for bytes where nothing is sent.
 """
 
 from __future__ import annotations
@@ -40,6 +40,8 @@ def benchmark_rows(
 
 
 def _class_cells(numbers: Mapping[str, float], key: str, name: str) -> dict[str, dict[str, float | None]]:
+    if not any(number.startswith(f"{name}_") for number in numbers):  # a class that was not asked for
+        return {c: dict.fromkeys(_labels(name)) for c in COLUMNS}
     return {c: {label: _or_none(numbers[f"{key}_{c}_{label}"]) for label in _labels(name)} for c in COLUMNS}
 
 

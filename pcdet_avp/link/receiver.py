@@ -21,6 +21,8 @@ HELD_MAPS = 3
 HELD_STREAMS, HELD_ELEMENTS = 32, 2 * HELD_MAPS * MAX_ELEMENTS
 # A newer map is used as soon as it has this share of the cells of the fullest one held.
 FULL_ENOUGH = 0.5
+# A lower frame id with a capture so much later than all before it is that of a sender that was started anew.
+RESTART_US = 1_000_000
 
 
 class StreamKey(NamedTuple):
@@ -36,21 +38,33 @@ class Stream:
     def __init__(self) -> None:
         self.maps: dict[int, PartialMap] = {}
         self.last_used = 0
+        self._newest_us, self._count_from_us = 0, 0  # of the captures accepted; the first one of the present count
 
     def push(self, header: SegmentHeader, body: bytes) -> str:
         """Take a segment; what became of it (see ``Receiver.counts``)."""
-        frame, held = header.stamp.frame_id, self.maps
-        if frame < self.last_used or (len(held) == HELD_MAPS and frame < min(held)):
-            return "late"
-        if frame in held and held[frame].holds(header):
-            return "repeated"
+        frame, held, restarted = header.stamp.frame_id, self.maps, self._restarted(header)
+        if not restarted:
+            of_old_count = header.stamp.time_us < self._count_from_us
+            if of_old_count or frame < self.last_used or (len(held) == HELD_MAPS and frame < min(held)):
+                return "late"
+            if frame in held and held[frame].holds(header):
+                return "repeated"
         segment = open_body(header, body)
+        if restarted:
+            held.clear()
+            self.last_used, self._count_from_us = 0, header.stamp.time_us
+        self._newest_us = max(self._newest_us, header.stamp.time_us)
         if frame not in held:
             held[frame] = PartialMap(header)
         held[frame].add(segment)
         if len(held) > HELD_MAPS:
             del held[min(held)]
         return "accepted"
+
+    def _restarted(self, header: SegmentHeader) -> bool:
+        """Whether the sender counts anew: until its count caught up, every frame would pass for a late one."""
+        newest_frame = max([self.last_used, *self.maps])
+        return header.stamp.frame_id < newest_frame and header.stamp.time_us > self._newest_us + RESTART_US
 
     def take(self, oldest_us: float) -> LatentMap | None:
         """The newest map worth using of those captured at ``oldest_us`` or later."""
@@ -72,7 +86,8 @@ class Receiver:
     """Takes segments in any order, and gives out one map per modality of each sender.
 
     A damaged or foreign segment is counted and otherwise as if it had never come; so are a repeated (sender, frame,
-    modality, segment) and a frame older than the last one used of this sender and modality.
+    modality, segment) and a frame older than the last one used of this sender and modality. A sender that was started
+    anew counts frames from the beginning: see ``RESTART_US``.
     """
 
     def __init__(self, shape: tuple[int, int, int] | None = None, max_age_us: int | None = None) -> None:

@@ -13,6 +13,7 @@ from pcdet_avp.config import load_config
 from pcdet_avp.datasets import build_dataset
 from pcdet_avp.datasets.avp.avp_dataset import AvpDataset
 from pcdet_avp.datasets.avp.collate import collate, load_batch
+from pcdet_avp.datasets.avp.frames import find_frames
 from pcdet_avp.datasets.avp.manifest import Manifest, Scene, write_manifest
 from pcdet_avp.datasets.avp.record import read_frame, write_frame
 from pcdet_avp.errors import ConfigError, EvaluationError, RecordError, RegistryError, SensorError
@@ -68,6 +69,20 @@ def test_the_attributes_that_openpcdet_reads(cfg):
     assert dataset.class_names == CLASSES
     assert dataset.mode == "train"
     assert dataset.dataset_cfg.DATA_SPLIT["test"] == "test"
+
+
+@pytest.mark.parametrize(
+    ("generator", "remedy"),
+    [
+        ({"GENERATE": {}}, r"make the rest with tools/create_data.py"),
+        ({"IMPORT": {"FORMAT": "carla"}}, r"make the rest with tools/import_data.py"),
+        ({}, r"add the frames that it lists, and set complete to true"),
+    ],
+)
+def test_whoever_began_a_data_set_is_named_to_finish_it(generator, remedy, cfg, tmp_path):
+    write_manifest(tmp_path, Manifest(SCENES, complete=False, generator=generator))
+    with pytest.raises(RecordError, match=remedy):
+        find_frames(tmp_path, {}, ["Car"], "train")
 
 
 def test_an_unfinished_or_empty_data_set_is_refused(cfg, tmp_path):

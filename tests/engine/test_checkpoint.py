@@ -144,6 +144,8 @@ def test_early_epochs_can_be_left_out_of_a_test_of_all(tmp_path):
     names = [path.stem for path in checkpoint.epoch_checkpoints(tmp_path)]
     assert names == ["checkpoint_epoch_1", "checkpoint_epoch_2", "checkpoint_epoch_10"]
     assert [path.stem for path in checkpoint.epoch_checkpoints(tmp_path, 2)] == names[1:]
+    with pytest.raises(CheckpointError, match=r"no checkpoint of epoch 11 or later; the last one is .*_epoch_10\.pth"):
+        checkpoint.epoch_checkpoints(tmp_path, 11)  # nothing would be tested, without a word
 
 
 def test_weights_of_another_network_are_refused_by_the_first_difference():

@@ -38,6 +38,16 @@ def test_undefined_ap_becomes_null_in_json_and_a_dash_in_the_table():
     assert "| -/- " in render(rows, "cp_tiny")
 
 
+def test_a_network_that_knows_cars_alone_has_a_table_too(make_set):
+    """OPV2V and DAIR-V2X label no pedestrians: such networks are trained with CLASS_NAMES [Car]."""
+    truths, detections = make_set(np.random.default_rng(0), found=0.8)
+    both, cars = (evaluate(truths, detections, REGIONS, names)[1] for names in (("Car", "Pedestrian"), ("Car",)))
+    rows, whole = benchmark_rows("C+C", cars, REGIONS), benchmark_rows("C+C", both, REGIONS)
+    assert [row["Car"] for row in rows] == [row["Car"] for row in whole]
+    assert rows[0]["Pedestrian"]["overall"] == {"0.3": None, "0.01": None}
+    assert "| -/- " in render(rows, "cp_tiny")
+
+
 def test_table_prints_the_six_combinations_in_the_papers_order_beside_the_papers_numbers(make_set):
     truths, detections = make_set(np.random.default_rng(0), found=0.8)
     rows = [

@@ -4,14 +4,16 @@ import numpy as np
 import pytest
 
 from pcdet_avp.link import MapStamp, Receiver, encode
+from pcdet_avp.link.segment import seal, unseal
 
 MAX_SEGMENT = 400
 
 
-def segments(frame, modality="lidar", seed=0):
-    """Several segments of a 4 x 16 x 16 map captured at 50 ms per frame."""
+def segments(frame, modality="lidar", seed=0, time_us=None):
+    """Several segments of a 4 x 16 x 16 map captured at 50 ms per frame, or at a time of its own."""
     latent = np.random.default_rng(seed).normal(size=(4, 16, 16))
-    payloads = encode(latent, MapStamp(frame, 50_000 * frame, modality, 0, 0, 0), MAX_SEGMENT)
+    time_us = 50_000 * frame if time_us is None else time_us
+    payloads = encode(latent, MapStamp(frame, time_us, modality, 0, 0, 0), MAX_SEGMENT)
     assert len(payloads) > 4
     return payloads
 
@@ -51,6 +53,26 @@ def test_a_frame_older_than_the_last_used_is_refused(receiver):
     assert not any(push_all(receiver, segments(2)))
     assert receiver.counts["late"] == len(segments(2))
     assert receiver.take("lidar", now_us=0).stamp.frame_id == 3
+
+
+def test_a_roadside_unit_that_was_started_anew_is_heard_again(receiver):
+    """Frame 100 was captured at 5 s. A count that begins again is believed from captures after 6 s on."""
+    push_all(receiver, segments(100))
+    receiver.take("lidar", now_us=5_000_000)
+    assert not any(push_all(receiver, segments(0, time_us=5_900_000)))  # may be a frame that was long under way
+    assert all(push_all(receiver, segments(1, seed=1, time_us=6_100_000)))
+    assert receiver.take("lidar", now_us=6_200_000).stamp.frame_id == 1
+    assert all(push_all(receiver, segments(2, seed=2, time_us=6_150_000)))
+    assert receiver.take("lidar", now_us=6_200_000).stamp.frame_id == 2
+    assert not any(push_all(receiver, segments(101)))  # of the old count, captured at 5.05 s
+
+
+def test_a_damaged_segment_starts_no_new_count(receiver):
+    push_all(receiver, segments(100))
+    receiver.take("lidar", now_us=5_000_000)
+    header, body = unseal(segments(1, time_us=7_000_000)[0])
+    assert not receiver.push(seal(header, body[:-3]))
+    assert receiver.take("lidar", now_us=5_000_000).stamp.frame_id == 100
 
 
 def test_an_older_frame_is_welcome_until_a_newer_one_was_used(receiver):

@@ -9,8 +9,10 @@ from pathlib import Path
 
 import pytest
 import torch
+from easydict import EasyDict
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+from pcdet_avp.datasets.avp.manifest import Manifest, Scene, write_manifest
 from pcdet_avp.errors import CheckpointError, ConfigError, SensorError
 from pcdet_avp.models.weights.checkpoint_file import read_checkpoint
 
@@ -242,6 +244,15 @@ def test_a_misspelt_folder_beside_a_data_set_is_not_filled(call, tiny_data, tmp_
     with pytest.raises(ConfigError, match=rf"no data set there, but there is {tiny_data}; .*create_data\.py --out"):
         call(tmp_path, "train", data=misspelt)
     assert not misspelt.exists()
+
+
+@pytest.mark.parametrize("generator", [{"IMPORT": {"FORMAT": "carla"}}, {}])
+def test_an_unfinished_import_or_recording_is_not_taken_for_a_generated_set(generator, load_tool, tmp_path):
+    """It was "a data set with another generator", and the advice was to remove it."""
+    write_manifest(tmp_path, Manifest((Scene("a", "train", ("0",)),), complete=False, generator=generator))
+    before = (tmp_path / "dataset.json").read_bytes()
+    load_tool("train")._make_data(EasyDict(DATA_CONFIG={"DATA_PATH": str(tmp_path)}), None, None)
+    assert (tmp_path / "dataset.json").read_bytes() == before
 
 
 def test_a_tilde_in_the_data_path_is_the_home_folder(call, tiny_data, tmp_path, monkeypatch):

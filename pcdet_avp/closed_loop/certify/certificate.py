@@ -30,6 +30,7 @@ from typing import Any
 from pcdet_avp.closed_loop.certify.climb import Certification, Row, SpeedTest, climb
 from pcdet_avp.closed_loop.certify.rate_tests import FixedNumber
 from pcdet_avp.closed_loop.perception.faults import MARK
+from pcdet_avp.closed_loop.sweep.episode_row import Case
 from pcdet_avp.closed_loop.sweep.journal import Finished
 from pcdet_avp.errors import RecordError
 from pcdet_avp.evaluation.benchmark_table import markdown_table
@@ -95,6 +96,17 @@ def write_certificate(folder: Path, entries: Sequence[Entry], meta: Mapping[str,
     return merged
 
 
+def counted(entries: Sequence[Entry], finished: Finished) -> Finished:
+    """The finished episodes that certificates rest on, those of earlier commands included; none that ran ahead."""
+    cases = [
+        Case(*_name(entry), test["speed"], trial)
+        for entry in entries
+        for test in entry["tested"]
+        for trial in range(test["runs"])
+    ]
+    return {case: finished[case] for case in cases if case in finished}
+
+
 def _name(entry: Mapping[str, Any]) -> tuple[str, str, str]:
     return entry["scenario"], entry["perception"], entry["combo"]
 
@@ -121,7 +133,8 @@ def _held(file: Path) -> list[Entry]:
 def page(entries: Sequence[Entry], meta: Mapping[str, Any]) -> list[str]:
     """``certificate.md``: the certified speeds, and every speed that was tested."""
     first = entries[0]
-    facts = {"command": meta.get("command"), "commit": meta.get("git_commit"), "weights": meta.get("weights_hash")}
+    weights = ", ".join(dict.fromkeys(entry["weights"] for entry in entries if entry.get("weights")))
+    facts = {"command": meta.get("command"), "commit": meta.get("git_commit"), "weights": weights}
     return [
         f"# Speed certificate: crash rate below {first['rate']:.3g} at {1 - first['alpha']:.0%} confidence",
         "",

@@ -82,9 +82,3 @@ def missing(asked: Certification, finished: Finished, ahead: int) -> Iterator[Ca
         if last.verdict is None:
             wanted = asked.cases(row, last.speed)[len(last.cases) :][:ahead]
             yield from (case for case in wanted if case not in finished)
-
-
-def counted(asked: Certification, finished: Finished) -> Finished:
-    """The finished episodes that count for a certificate, without those that ran ahead of a verdict."""
-    cases = [case for row in asked.rows for test in climb(asked, row, finished) for case in test.cases]
-    return {case: finished[case] for case in cases}

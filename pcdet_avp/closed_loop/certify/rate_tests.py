@@ -19,10 +19,9 @@ Both are pure functions of the outcomes in the order of the trials.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from itertools import count
 from math import inf, log, log1p
 from typing import ClassVar, Protocol
 
@@ -34,6 +33,7 @@ from pcdet_avp.errors import ConfigError
 
 METHODS = ("fixed", "sequential")
 TINY = 1e-12  # as near to 0 and 1 as rates are tried
+MOST_RUNS = 100_000  # of a speed; a test that takes more is refused instead of being looked for without end
 CLEAN_FACTOR = 3  # the default budget of ``sequential``, in runs that it needs without any crash
 
 
@@ -93,6 +93,16 @@ def _check(rate: float, alpha: float) -> None:
             raise ConfigError(f"--{name}: expected a share between 0 and 1, found {value}")
 
 
+def _first(numbers: Iterator[int]) -> int:
+    found = next(numbers, None)
+    if found is None:
+        raise ConfigError(
+            f"--rate, --alpha, --allowed_crashes: such a test takes more than {MOST_RUNS:,} runs of every speed; "
+            "choose a higher rate or alpha, or fewer crashes"
+        )
+    return found
+
+
 @dataclass(frozen=True)
 class FixedNumber:
     """A fixed number of runs, of which ``allowed`` may crash."""
@@ -110,7 +120,8 @@ class FixedNumber:
     @cached_property
     def budget(self) -> int:
         """The fewest runs with ``allowed`` crashes whose exact bound lies below the rate."""
-        return next(n for n in count(self.allowed + 1) if self.bound(self.allowed, n) < self.rate)
+        runs = range(self.allowed + 1, MOST_RUNS + 1)
+        return _first(n for n in runs if self.bound(self.allowed, n) < self.rate)
 
     def end(self, crashes: int, runs: int) -> bool | None:
         """Failed with the first crash too many, bounded at the end of the budget."""
@@ -143,7 +154,7 @@ class Sequential:
     @cached_property
     def clean_runs(self) -> int:
         """The runs after which the test ends if none crashes."""
-        return next(n for n in count(1) if self._suffices(0, n))
+        return _first(n for n in range(1, MOST_RUNS + 1) if self._suffices(0, n))
 
     @cached_property
     def budget(self) -> int:

@@ -22,7 +22,8 @@ from pcdet_avp.closed_loop.report.paired_tables import paired_table
 from pcdet_avp.closed_loop.report.plots import detection_figure, law_figure, speed_crash_figure, write_figure
 from pcdet_avp.closed_loop.report.side_columns import side_columns
 from pcdet_avp.closed_loop.sweep.crash_statistics import SAFE_RATE
-from pcdet_avp.closed_loop.sweep.results import Results, read_results
+from pcdet_avp.closed_loop.sweep.results import IN_TRAINING_GARAGES, Results, read_results
+from pcdet_avp.closed_loop.sweep.training_garages import sentence
 from pcdet_avp.files import write_text
 from pcdet_avp.sim.scenarios.table import ON_PLAN, SCENARIOS
 
@@ -57,9 +58,22 @@ def title(results: Results, scenario: str, perception: str) -> str:
 
 def _who(results: Results, perception: str) -> str:
     """Which perception, and of a network which configuration."""
+    made_from = results.made_from(perception)
+    return f"{perception} ({made_from.get('config', 'unknown network')})" if _is_network(perception) else perception
+
+
+def _is_network(perception: str) -> bool:
     kind = known_perception(perception)
-    network = kind is not None and kind.uses_network
-    return f"{perception} ({results.meta.get('config', 'unknown network')})" if network else perception
+    return kind is not None and kind.uses_network
+
+
+def _weights(results: Results) -> str | None:
+    """The hash of the weights; of each perception's, where several were used."""
+    names = dict.fromkeys(perception for _, perception in results.groups() if _is_network(perception))
+    found = {name: results.made_from(name).get("weights_hash") for name in names}
+    if len(set(found.values())) > 1:
+        return ", ".join(f"{name} {weights}" for name, weights in found.items())
+    return next(iter(found.values()), results.meta.get("weights_hash"))
 
 
 def _meaning(perception: str) -> str:
@@ -80,12 +94,20 @@ def _provenance(results: Results) -> list[str]:
         **{f"command {k}" if len(commands) > 1 else "command": f"`{c}`" for k, c in enumerate(commands, start=1)},
         "seed": meta.get("seed"),
         "commit": meta.get("git_commit"),
-        "weights": meta.get("weights_hash"),
+        "weights": _weights(results),
+        "known garages": _known_garages(results),
         "versions": ", ".join(f"{k} {v}" for k, v in (meta.get("versions") or {}).items()),
         "machine": ", ".join(f"{k} {v}" for k, v in (meta.get("machine") or {}).items()),
         "episodes": _episodes(results),
     }
     return [f"- {name}: {value}" for name, value in facts.items() if value not in (None, "")]
+
+
+def _known_garages(results: Results) -> str | None:
+    """What a network was trained in may not pass for unseen."""
+    names = dict.fromkeys(perception for _, perception in results.groups() if _is_network(perception))
+    trials = {trial for name in names for trial in results.made_from(name).get(IN_TRAINING_GARAGES) or ()}
+    return sentence(sorted(trials), results.meta.get("seed") or 0) if trials else None
 
 
 def _episodes(results: Results) -> str:

@@ -11,7 +11,9 @@ from pcdet_avp import shipped
 from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
 from pcdet_avp.closed_loop.perception.factory import PerceptionKind, find_perception
 from pcdet_avp.closed_loop.perception.link_options import LinkOptions, given_link_options
+from pcdet_avp.closed_loop.sweep.results import IN_TRAINING_GARAGES, MADE_FROM, PERCEPTIONS
 from pcdet_avp.closed_loop.sweep.sweep import Sweep
+from pcdet_avp.closed_loop.sweep.training_garages import trials_in_training_garages
 from pcdet_avp.config import apply_overrides, config_hash, ignoring, load_config, plain, require
 from pcdet_avp.config_check import check_values
 from pcdet_avp.deploy.manifest import MANIFEST
@@ -123,14 +125,22 @@ def file_hash(path: Path) -> str:
         raise CheckpointError(f"{path}: cannot be read ({error.strerror})") from error
 
 
+def known_trials(args: argparse.Namespace, sweep: Sweep) -> list[int]:
+    """The trials of a network's sweep that play in buildings of its training data."""
+    if not find_perception(sweep.perception).uses_network:
+        return []
+    cfg = apply_overrides(load_config(args.cfg), list(split_overrides(args.overrides)[1]))
+    return trials_in_training_garages(cfg.DATA_CONFIG, sweep.scenario, sweep.seed, sweep.trials)
+
+
 def sweep_meta(args: argparse.Namespace, sweep: Sweep, started: float) -> dict[str, Any]:
     """Provenance of a sweep's figures, and the settings of the loop."""
     overrides = split_overrides(args.overrides)[1]
     cfg = apply_overrides(load_config(args.cfg), list(overrides))
     weights = sweep.identity[sweep.perception].get("weights")
     meta = provenance(cfg, Path(args.cfg).stem, seed=sweep.seed, weights_hash=weights, started=started)
-    return {
-        **meta,
+    meta |= {
+        IN_TRAINING_GARAGES: known_trials(args, sweep),
         "closed_loop": dict(sweep.closed_loop),
         "search": sweep.search,
         "use_amp": args.use_amp,
@@ -138,3 +148,4 @@ def sweep_meta(args: argparse.Namespace, sweep: Sweep, started: float) -> dict[s
         "link": args.link,
         "link_options": given_link_options(args),
     }
+    return meta | {PERCEPTIONS: {sweep.perception: {key: meta[key] for key in MADE_FROM}}}

@@ -23,6 +23,10 @@ from pcdet_avp.errors import EvaluationError
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
 
 SUMMARY, EPISODES = "summary.json", "episodes.csv"
+PERCEPTIONS = "perceptions"  # of meta: perception -> ``MADE_FROM``; elsewhere in meta they are the last command's
+IN_TRAINING_GARAGES = "trials_in_training_garages"  # of a network (``training_garages``)
+MADE_FROM = ("config", "config_hash", "weights_hash", "git_commit", "use_amp", "runtime", "link", "link_options")
+MADE_FROM += (IN_TRAINING_GARAGES,)
 Counts = tuple[int, int]  # crashes, trials
 Row = Mapping[str, Any]  # an episode's columns as text
 
@@ -74,6 +78,10 @@ class Results:
 
     meta: Mapping[str, Any]
     cells: Mapping[CellKey, Cell]
+
+    def made_from(self, perception: str) -> Mapping[str, Any]:
+        """What a perception was built from: ``config``, ``weights_hash`` and more; older files say it once for all."""
+        return self.meta.get(PERCEPTIONS, {}).get(perception, self.meta)
 
     def groups(self) -> list[tuple[str, str]]:
         """Scenario and perception of every pair that was run, in the order of the files."""

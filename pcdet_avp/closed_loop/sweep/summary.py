@@ -11,12 +11,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from pcdet_avp.closed_loop.perception.factory import known_perception
 from pcdet_avp.closed_loop.sweep.crash_statistics import SAFE_RATE, Tally, bounded_speed, crash_interval, max_safe_speed
 from pcdet_avp.closed_loop.sweep.episode_row import ANY_COMBO, COLUMNS, MEASURES, Case, EpisodeRow
 from pcdet_avp.closed_loop.sweep.journal import Finished
 from pcdet_avp.closed_loop.sweep.numbers import csv_text, finite_mean
 from pcdet_avp.closed_loop.sweep.paired import preventable
-from pcdet_avp.closed_loop.sweep.results import EPISODES, SUMMARY
+from pcdet_avp.closed_loop.sweep.results import EPISODES, MADE_FROM, PERCEPTIONS, SUMMARY
 from pcdet_avp.closed_loop.sweep.unit_figures import pooled_units
 from pcdet_avp.files import write_json, write_text
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
@@ -38,16 +39,37 @@ def write_results(folder: Path, finished: Finished, meta: Mapping[str, Any]) -> 
     write_text(folder / EPISODES, _csv(COLUMNS, (row.columns().values() for row in rows)))
     times = ([*row.case, row.figures.duration_s, wall_s] for row, wall_s in ordered)
     write_text(folder / WALL_TIMES, _csv((*Case._fields, "duration_s", "wall_s"), times))
-    meta = {**meta, "commands": _commands(folder, meta), "episodes_wall_s": round(sum(s for _, s in ordered), 1)}
+    held = _held(folder)
+    meta = {**meta, "commands": _commands(held, meta), "episodes_wall_s": round(sum(s for _, s in ordered), 1)}
+    if PERCEPTIONS in meta:
+        meta[PERCEPTIONS] = _perceptions(held, rows) | meta[PERCEPTIONS]
     write_json(folder / SUMMARY, {"meta": meta, **summary(rows)})
 
 
-def _commands(folder: Path, meta: Mapping[str, Any]) -> list[str]:
-    """All commands that have left results in a folder; the last one's is ``meta["command"]``."""
+def _held(folder: Path) -> Mapping[str, Any]:
+    """``meta`` of the summary that a folder holds, if any."""
     try:
-        held = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))["meta"]
+        return json.loads((folder / SUMMARY).read_text(encoding="utf-8"))["meta"]
     except (OSError, ValueError, KeyError):
-        held = {}
+        return {}
+
+
+def _perceptions(held: Mapping[str, Any], rows: Iterable[EpisodeRow]) -> dict[str, Any]:
+    """What the perceptions of earlier commands were built from; a summary from before this was kept says it once."""
+    known = dict(held.get(PERCEPTIONS, {}))
+    if not known and held.get("weights_hash"):
+        names = {row.case.perception for row in rows}
+        known = {name: {key: held.get(key) for key in MADE_FROM} for name in names if _uses_network(name)}
+    return known
+
+
+def _uses_network(perception: str) -> bool:
+    kind = known_perception(perception)
+    return kind is not None and kind.uses_network
+
+
+def _commands(held: Mapping[str, Any], meta: Mapping[str, Any]) -> list[str]:
+    """All commands that have left results in a folder; the last one's is ``meta["command"]``."""
     found = [*held.get("commands", [held.get("command")]), meta.get("command")]
     return [command for command in dict.fromkeys(found) if command]
 

@@ -14,6 +14,7 @@ from pcdet_avp.config import require
 from pcdet_avp.datasets.avp.augment import Augmentor
 from pcdet_avp.datasets.avp.collate import collate
 from pcdet_avp.datasets.avp.frames import find_frames
+from pcdet_avp.datasets.avp.manifest import read_manifest
 from pcdet_avp.datasets.avp.network_input import NetworkInput
 from pcdet_avp.datasets.avp.prepare import prepare
 from pcdet_avp.datasets.avp.record import read_frame, recorded_sources
@@ -46,7 +47,10 @@ class AvpDataset(torch.utils.data.Dataset):
         root_path: str | Path | None = None,
         logger: logging.Logger | None = None,
         split: str | None = None,
+        needs_labels: bool = True,
     ) -> None:
+        """``needs_labels=False``: for pictures, frames whose labels lack one of ``class_names`` will do."""
+        self.needs_labels = needs_labels
         self.dataset_cfg, self.training, self.logger = dataset_cfg, training, logger
         self.root_path = Path(root_path if root_path is not None else require(dataset_cfg, "DATA_PATH", str))
         self.split = split or require(dataset_cfg, f"DATA_SPLIT.{self.mode}", str)
@@ -74,11 +78,20 @@ class AvpDataset(torch.utils.data.Dataset):
         return self.__dict__ | {"logger": None}
 
     def _find_frames(self) -> list[str]:
-        frame_ids = find_frames(self.root_path, self.dataset_cfg, self.class_names, self.split)
+        names = self.class_names if self.needs_labels else self._labelled()
+        frame_ids = find_frames(self.root_path, self.dataset_cfg, names, self.split)
         self._check_first_frame(frame_ids[0])
         if self.logger is not None:
             self.logger.info("%s: %d frames in split %s", self.root_path, len(frame_ids), self.split)
         return frame_ids
+
+    def _labelled(self) -> list[str]:
+        """Those of the classes that the data set labels; the log names the others."""
+        there = read_manifest(self.root_path).class_names
+        missing = [name for name in self.class_names if name not in there]
+        if missing and self.logger is not None:
+            self.logger.warning(f"{self.root_path}: has no labels of {', '.join(missing)}: the truth shows none")
+        return [name for name in self.class_names if name in there]
 
     def _check_first_frame(self, frame_id: str) -> None:
         labels = read_frame(self.root_path, frame_id, sources=(), keep_ego=True, unit=self.roadside_unit).labels

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from pcdet_avp.datasets.avp.made_by import check_made_by
-from pcdet_avp.datasets.avp.manifest import MANIFEST_FILE, read_manifest
+from pcdet_avp.datasets.avp.manifest import MANIFEST_FILE, Manifest, read_manifest
 from pcdet_avp.errors import RecordError
 
 
@@ -18,7 +18,7 @@ def find_frames(root: Path, dataset_cfg: Mapping, class_names: Sequence[str], sp
     """
     manifest, file = read_manifest(root), root / MANIFEST_FILE
     if not manifest.complete:
-        raise RecordError(f"{file}: complete: the data set is unfinished; make the rest with tools/create_data.py")
+        raise RecordError(f"{file}: complete: the data set is unfinished; {_remedy(manifest)}")
     check_made_by(manifest, dataset_cfg, root)
     missing = [name for name in class_names if name not in manifest.class_names]
     if missing:
@@ -27,3 +27,11 @@ def find_frames(root: Path, dataset_cfg: Mapping, class_names: Sequence[str], sp
     if not frame_ids:
         raise RecordError(f"{file}: scenes: no frame in split {split!r}; frames: {manifest.frame_counts}")
     return frame_ids
+
+
+def _remedy(manifest: Manifest) -> str:
+    """How the rest is made: by whatever began it."""
+    for key, tool in (("GENERATE", "create_data"), ("IMPORT", "import_data")):
+        if key in manifest.generator:
+            return f"make the rest with tools/{tool}.py"
+    return "add the frames that it lists, and set complete to true"

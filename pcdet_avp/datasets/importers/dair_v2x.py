@@ -90,7 +90,8 @@ class DairV2x:
         for pair in load_list(self._src / "cooperative" / "data_info.json"):
             entry = entry_of(self._vehicle, pair, "vehicle")
             frames = self._pairs.setdefault(text(entry["batch_id"]), {})
-            frames[Path(entry["pointcloud_path"].of(str)).stem] = pair
+            if frames.setdefault(Path(entry["pointcloud_path"].of(str)).stem, pair) is not pair:
+                self.notes.add("pair left out, because an earlier one has the same vehicle frame", _name_of(pair))
         self.scenes: Sequence[SourceScene] = [self._scene(name) for name in self._pairs]
         self._heights: dict[str, tuple[float, float]] = {}
 
@@ -192,10 +193,10 @@ class DairV2x:
         sizes = row.get("3d_dimensions", {})
         stated = np.array([sizes[key].number() for key in "lwh"]) if sizes.value else None
         if box is None or (stated is not None and stated.min() <= 0):
-            self.notes.add("label without a size left out", f"{row.file}: {row.name}")
+            self.notes.add("label without a size left out", _name_of(row))
             return None
         if stated is not None and np.abs(box[3:6] - stated).max() > 0.1:
-            self.notes.add(BY_CORNERS, f"{row.file}: {row.name}")
+            self.notes.add(BY_CORNERS, _name_of(row))
         return WorldBox(number, "Car", box)
 
     def _heights_of(self, scene: str) -> tuple[float, float]:
@@ -223,6 +224,10 @@ def _heights_over(world_from_lidar: Pose, boxes: Iterable[WorldBox]) -> list[flo
     place = world_from_lidar.translation
     near = (b.box for b in boxes if np.hypot(*(b.box[:2] - place[:2])) <= NEAR_M)
     return [float(place[2] - (box[2] - box[5] / 2)) for box in near]
+
+
+def _name_of(pair: Field) -> str:
+    return f"{pair.file}: {pair.name}"
 
 
 def _cooperative_folder(src: Path) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -42,13 +43,15 @@ def import_recording(
 
     ``splits``: scene -> split, for every scene; without it the source's own count, and where it has none scenes are
     drawn by ``seed`` (``assign_splits``). A file that is named and absent is a RecordError before anything is
-    written, or with ``skip_missing`` leaves its frame out. RecordError also where ``out`` holds something else.
+    written, or with ``skip_missing`` leaves its frame out. RecordError also where ``out`` holds something else, such as
+    another recording of the same layout whose scenes and frames have the same names.
     """
     scenes = [_with_files(scene, recording, skip_missing) for scene in recording.scenes]
     scenes = [scene for scene in scenes if scene.frames]
     if not scenes:
         raise RecordError(f"{format_name}: no frame has all of its files")
-    manifest = _plan(scenes, recording.class_names, {"IMPORT": {"FORMAT": format_name}}, splits, seed)
+    made_by = {"IMPORT": {"FORMAT": format_name, "SOURCE_SHA256": _fingerprint(scenes)}}
+    manifest = _plan(scenes, recording.class_names, made_by, splits, seed)
     claim(out, manifest)
     total = sum(manifest.frame_counts.values())
     with tqdm(total=total, unit="frame", desc=f"importing into {out}", smoothing=0.1) as bar:
@@ -61,6 +64,16 @@ def import_recording(
     manifest = replace(manifest, complete=True)
     write_manifest(out, manifest)
     return manifest
+
+
+def _fingerprint(scenes: Sequence[SourceScene]) -> str:
+    """Of the recording, wherever it lies: names and sizes of all its files, frame by frame."""
+    digest = hashlib.sha256()
+    for scene in scenes:
+        for frame, files in scene.frames.items():
+            known = " ".join(f"{file.name}:{file.stat().st_size}" for file in files)
+            digest.update(f"{scene.name}/{frame} {known}\n".encode())
+    return digest.hexdigest()
 
 
 def _with_files(scene: SourceScene, recording: Recording, skip_missing: bool) -> SourceScene:

@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 from pcdet_avp.closed_loop.certify import run as run_module
-from pcdet_avp.closed_loop.certify.certificate import CERTIFICATE, PAGE, certificate, write_certificate
-from pcdet_avp.closed_loop.certify.climb import Certification, climb, counted
+from pcdet_avp.closed_loop.certify.certificate import CERTIFICATE, PAGE, certificate, counted, write_certificate
+from pcdet_avp.closed_loop.certify.climb import Certification, climb
 from pcdet_avp.closed_loop.certify.rate_tests import FixedNumber, Sequential
 from pcdet_avp.closed_loop.certify.run import run_certification
 from pcdet_avp.closed_loop.sweep.case import run_case
 from pcdet_avp.closed_loop.sweep.episode_row import Case
 from pcdet_avp.closed_loop.sweep.journal import JOURNAL, Journal
+from pcdet_avp.closed_loop.sweep.results import read_results
 from pcdet_avp.closed_loop.sweep.summary import EPISODES, write_results
 from pcdet_avp.closed_loop.sweep.sweep import Sweep
 from pcdet_avp.config import load_config, plain
@@ -74,7 +75,7 @@ def drive(template, monkeypatch):
         monkeypatch.setattr(run_module, "task_pool", lambda *_: nullcontext(PoolHere(episode, seed, lives)))
         finished = run_certification(wanted, folder, workers, max_minutes=max_minutes)
         entries = write_certificate(folder, certificate(wanted, finished), {})
-        write_results(folder, counted(wanted, finished), {})
+        write_results(folder, counted(entries, finished), {})
         return entries
 
     return certify
@@ -151,7 +152,12 @@ def test_the_plan_is_fixed_before_the_first_run(drive, tmp_path):
 def test_rows_of_other_combinations_stay_in_the_file(drive, tmp_path):
     drive(lambda case: False, asked(combos=("C+none",)), tmp_path)
     drive(lambda case: False, asked(combos=("C+C",)), tmp_path)
-    assert [entry["combo"] for entry in json.loads((tmp_path / CERTIFICATE).read_text())] == ["C+none", "C+C"]
+    entries = json.loads((tmp_path / CERTIFICATE).read_text())
+    assert [entry["combo"] for entry in entries] == ["C+none", "C+C"]
+    # So do the episodes that they rest on: 9 clean runs of each of four speeds, of both combinations.
+    episodes = read_results(tmp_path)
+    assert [episodes.tally("pedestrian", "los", combo)[6.0] for combo in ("C+none", "C+C")] == [(0, 9), (0, 9)]
+    assert len((tmp_path / EPISODES).read_text().splitlines()) == 1 + 2 * 4 * 9
 
 
 def test_single_faults_stand_beside_the_healthy_perception_and_the_lowest_is_named(drive, tmp_path):

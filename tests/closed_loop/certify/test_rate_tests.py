@@ -5,6 +5,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import binom
 
+from pcdet_avp.closed_loop.certify import rate_tests
 from pcdet_avp.closed_loop.certify.rate_tests import (
     FixedNumber,
     Sequential,
@@ -115,3 +116,11 @@ def test_the_sequential_bound_holds_for_whoever_stops_when_it_looks_best():
 def test_impossible_tests_are_refused(make, message):
     with pytest.raises(ConfigError, match=message):
         make()
+
+
+@pytest.mark.parametrize("make", [FixedNumber, Sequential])
+def test_a_rate_that_no_number_of_runs_reaches_is_refused_instead_of_looked_for_without_end(make, monkeypatch):
+    monkeypatch.setattr(rate_tests, "MOST_RUNS", 1000)
+    assert make(0.05).budget < 1000
+    with pytest.raises(ConfigError, match="--rate, --alpha, --allowed_crashes: such a test takes more than 1,000 runs"):
+        _ = make(1e-9).budget

@@ -72,6 +72,16 @@ def test_a_table_has_ours_above_the_papers_with_intervals_and_marks(sweep):
     assert ours["bound < 15% up to m/s"] == "6"  # 0/20 bounds the rate by 13.9 %
 
 
+def test_every_network_is_named_by_its_own_configuration_whatever_was_run_last(tmp_path):
+    """The last command drove the oracle, whose configuration is the tool's default; its figures are another's."""
+    cells = {("t_junction", who, combo, 3.0): (0, 20) for who, combo in (("model", "C+CL"), ("oracle", "any"))}
+    made_from = {"model": {"config": "cp_small", "weights_hash": "11aa"}, "oracle": {"config": "cp_full"}}
+    text = write_report(write_sweep(tmp_path, cells, config="cp_full", perceptions=made_from)).read_text()
+    assert "## T-junction, perception model (cp_small)" in text
+    assert "- weights: 11aa" in text
+    assert "cp_full" not in text
+
+
 def test_what_was_not_run_is_not_taken_for_safe(sweep):
     rows = rows_of(crash_table(read_results(sweep), "t_junction", "model"))
     assert len(rows) == 12

@@ -20,6 +20,7 @@ from pcdet_avp.closed_loop.sweep import sweep as sweep_module
 from pcdet_avp.closed_loop.sweep.case import run_case
 from pcdet_avp.closed_loop.sweep.episode_row import Case
 from pcdet_avp.closed_loop.sweep.journal import JOURNAL, Journal
+from pcdet_avp.closed_loop.sweep.results import read_results
 from pcdet_avp.closed_loop.sweep.summary import EPISODES, SUMMARY, crash_text, summary, write_results
 from pcdet_avp.closed_loop.sweep.sweep import Sweep, run_sweep
 from pcdet_avp.config import load_config, plain
@@ -123,6 +124,17 @@ def test_the_summary_names_all_commands_that_went_on_with_a_folder(reference, tm
         write_results(tmp_path, finished, {"command": command})
     meta = json.loads((tmp_path / SUMMARY).read_text())["meta"]
     assert (meta["command"], meta["commands"]) == ("a", ["a", "b"])
+
+
+def test_the_summary_keeps_what_each_perception_was_built_from(reference, tmp_path):
+    """The oracle driven into a network's folder, as docs/closed_loop.md advises, must not rename the network."""
+    finished = Journal(reference).finished
+    network = {"config": "cp_small", "weights_hash": "11aa", "link": "nr_v2x"}
+    oracle = {"config": "cp_full", "weights_hash": None, "link": "ideal"}
+    write_results(tmp_path, finished, {**network, "perceptions": {"model": network}})
+    write_results(tmp_path, finished, {**oracle, "perceptions": {"oracle": oracle}})
+    results = read_results(tmp_path)
+    assert (results.made_from("model"), results.made_from("oracle")) == (network, oracle)
 
 
 def test_what_ended_the_drive_is_counted_whatever_the_scenario_is_called(reference):

@@ -2,6 +2,8 @@
 
 import hashlib
 import json
+import logging
+import shlex
 import shutil
 import sys
 from dataclasses import replace
@@ -11,12 +13,15 @@ import pytest
 from datasets.importers.written import write_json
 
 from pcdet_avp.commands import import_data
-from pcdet_avp.config import load_config
+from pcdet_avp.config import apply_overrides, load_config
+from pcdet_avp.datasets import build_dataset
 from pcdet_avp.datasets.avp.avp_dataset import AvpDataset
 from pcdet_avp.datasets.avp.manifest import read_manifest
+from pcdet_avp.datasets.avp.network_input import NetworkInput
 from pcdet_avp.datasets.avp.record import read_frame, read_record
 from pcdet_avp.datasets.importers import run
 from pcdet_avp.errors import RecordError
+from pcdet_avp.models import build_network
 from pcdet_avp.structures.sensor_set import SOURCES
 
 TINY = "cfgs/dataset_configs/avp_tiny.yaml"
@@ -96,7 +101,7 @@ def test_an_import_that_was_killed_goes_on_and_gives_the_same_bytes(imported, fo
     with pytest.raises(KeyboardInterrupt):
         run.import_recording(recording, "carla", tmp_path / "set")
     assert not read_manifest(tmp_path / "set").complete
-    with pytest.raises(RecordError, match=r"dataset.json: complete: the data set is unfinished"):
+    with pytest.raises(RecordError, match=r"the data set is unfinished; make the rest with tools/import_data.py"):
         AvpDataset(load_config(TINY) | {"DATA_PATH": str(tmp_path / "set")}, ["Car"])
     written = {p: p.stat().st_mtime_ns for p in (tmp_path / "set").glob("scenes/*/*/*")}
     import_all("carla", foreign.carla, tmp_path / "set")
@@ -110,6 +115,36 @@ def test_another_import_does_not_go_on_into_the_same_folder(imported, foreign, t
     (tmp_path / "mine.txt").write_text("mine")
     with pytest.raises(RecordError, match=r"the folder holds mine.txt: no data are made here"):
         import_all("carla", foreign.carla, tmp_path)
+
+
+def test_another_recording_with_the_same_names_is_refused_and_a_moved_one_goes_on(foreign, tmp_path):
+    """Monday's and Tuesday's recordings both have a scene ``garage`` with frames 412 ...: nothing of Tuesday's would
+    be written, and the tool would say that it was."""
+    for day in ("monday", "tuesday"):
+        shutil.copytree(foreign.carla, tmp_path / day)
+    tick = tmp_path / "tuesday" / "garage" / "frames" / "412.json"
+    tick.write_text(tick.read_text() + " ")
+    import_all("carla", tmp_path / "monday", tmp_path / "set")
+    with pytest.raises(RecordError, match=r"dataset.json: holds a data set with another generator"):
+        import_all("carla", tmp_path / "tuesday", tmp_path / "set")
+    import_all("carla", (tmp_path / "monday").rename(tmp_path / "moved"), tmp_path / "set")
+
+
+def test_a_second_pair_of_one_vehicle_frame_is_counted(foreign, tmp_path):
+    """A record is named after the vehicle's frame: the second pair would have taken the place of the first, unseen."""
+    shutil.copytree(foreign.dair_v2x, tmp_path / "dair")
+    listed = tmp_path / "dair" / "cooperative" / "data_info.json"
+    pairs = json.loads(listed.read_text())
+    write_json(listed, [*pairs, pairs[0] | {"system_error_offset": {"delta_x": 5.0, "delta_y": 0.0}}])
+    recording = run.open_recording("dair_v2x", tmp_path / "dair")
+    assert [line.partition(" (")[0] for line in recording.notes.lines()] == [
+        "1 x pair left out, because an earlier one has the same vehicle frame"
+    ]
+    unit, first = (
+        read.read("0", "000000").record.units["infra"].world_from_agent.translation
+        for read in (recording, run.open_recording("dair_v2x", foreign.dair_v2x))
+    )
+    np.testing.assert_allclose(unit, first)
 
 
 @pytest.fixture
@@ -201,6 +236,26 @@ def test_the_tool_says_what_it_left_out(foreign, tmp_path, monkeypatch, capsys):
     assert "4 x label without a size left out" in out
     assert f"wrote {tmp_path / 'set'}: train " in out
     assert 'CLASS_NAMES "[Car]"' in out
+    # What it prints is a command that works: the shipped configuration with these words makes a network.
+    words = shlex.split(out.partition("--set ")[2])
+    cfg = apply_overrides(load_config("cfgs/avp/cp_tiny.yaml"), words)
+    assert AvpDataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split="train").class_names == ["Car"]
+    network_input = NetworkInput.from_config(cfg.DATA_CONFIG, cfg.CLASS_NAMES)
+    assert [c.name for c in build_network(cfg.MODEL, 1, network_input).dense_head.classes] == ["Car"]
+
+
+def test_pictures_of_an_import_need_no_labels_of_every_class(imported):
+    """So that the shipped weights, which know both classes, can be looked at on it before anything is trained."""
+    cfg, warned = load_config(TINY) | {"DATA_PATH": str(imported["dair_v2x"])}, []
+    with pytest.raises(RecordError, match=r"class_names: holds \['Car'\], but 'Pedestrian' is asked for"):
+        AvpDataset(cfg, ["Car", "Pedestrian"], training=False, split="train")
+    logger = logging.Logger("pictures")
+    logger.addFilter(lambda record: warned.append(record.getMessage()))
+    how = {"training": False, "split": "train", "logger": logger, "needs_labels": False}
+    dataset = build_dataset(cfg, ["Car", "Pedestrian"], **how)
+    assert dataset.class_names == ["Car", "Pedestrian"]
+    assert len(dataset[0]["gt_boxes"])
+    assert any("has no labels of Pedestrian" in line for line in warned)
 
 
 def test_a_wrong_format_is_one_line_and_status_2(monkeypatch, capsys):

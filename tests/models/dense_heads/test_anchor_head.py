@@ -7,7 +7,7 @@ import torch
 from easydict import EasyDict
 
 from pcdet_avp.errors import ConfigError, GeometryError
-from pcdet_avp.models.dense_heads.anchor_head import AnchorHeadSingle
+from pcdet_avp.models.dense_heads.anchor_head import AnchorHeadSingle, anchor_classes
 from pcdet_avp.models.dense_heads.box_coder import direction_class, encode
 
 CLASSES = ["Car", "Pedestrian"]
@@ -177,3 +177,14 @@ def test_two_entries_of_one_class_are_refused_and_the_place_for_both_is_named():
     car, person = config()["ANCHOR_GENERATOR_CONFIG"]
     with pytest.raises(ConfigError, match=r"two entries for 'Car'; put all its sizes into one entry's anchor_sizes"):
         make(ANCHOR_GENERATOR_CONFIG=[car, person, {**car, "anchor_sizes": [[5.0, 2.0, 1.8]]}])
+
+
+def test_anchors_of_a_class_that_is_not_asked_for_are_left_out_and_a_missing_one_is_named():
+    both, cars = anchor_classes(config(), CLASSES), anchor_classes(config(), ["Car"])
+    assert [c.name for c in cars] == ["Car"]
+    assert cars[0] == both[0]
+    head = AnchorHeadSingle(config(), 8, 1, ["Car"], SIZE, RANGE, voxel_size=[0.4, 0.4, 4])
+    assert head.conv_cls.out_channels == 2  # one class, two headings
+    only_cars = config()["ANCHOR_GENERATOR_CONFIG"][:1]
+    with pytest.raises(ConfigError, match=r"anchors for \['Car'\], but the classes are \['Car', 'Pedestrian'\]"):
+        anchor_classes(config(ANCHOR_GENERATOR_CONFIG=only_cars), CLASSES)
