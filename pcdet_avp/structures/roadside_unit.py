@@ -57,9 +57,9 @@ class MountedUnit:
             what = f"missing key {missing[0]}" if missing else f"unknown key {unknown[0]}"
             raise ConfigError(f"{name}: {what}; known: {', '.join((*_REQUIRED, *_FLAGS))}")
         x_m, y_m, z_m, yaw_deg, pitch_deg = (_number(section[key], f"{name}.{key}") for key in _REQUIRED)
-        flags = (_flag(section.get(key, True), f"{name}.{key}") for key in _FLAGS)
+        camera, lidar = (_flag(section.get(key, True), f"{name}.{key}") for key in _FLAGS)
         try:
-            return cls(x_m, y_m, z_m, math.radians(yaw_deg), math.radians(pitch_deg), *flags)
+            return cls(x_m, y_m, z_m, math.radians(yaw_deg), math.radians(pitch_deg), camera, lidar)
         except ConfigError as error:
             raise ConfigError(f"{name}: {error}") from None
 
