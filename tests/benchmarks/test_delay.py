@@ -32,6 +32,14 @@ def test_the_vehicle_s_pose_of_the_past_is_the_recorded_one_without_delay(delay,
     past, manifest = delay.Past(tiny_data), read_manifest(tiny_data)
     past.manifest.generator["GENERATE"]["FRAMES_PER_SCENE"] = 1
     recorded = read_frame(tiny_data, manifest.scenes[0].frame_ids[0])
-    now, moved = past.world_from_ego(recorded, 0.0), past.world_from_ego(recorded, -0.5)
+    now = past.world_from_ego(recorded, 0.0)
     np.testing.assert_allclose(now.matrix, recorded.ego.world_from_agent.matrix, atol=1e-9)
-    assert moved.translation[0] != now.translation[0]
+
+
+def test_the_vehicle_was_elsewhere_before(delay, tiny_data):
+    """Scenes of several frames: the vehicle drives straight on at 1 to 5 m/s."""
+    past, manifest = delay.Past(tiny_data), read_manifest(tiny_data)
+    past.manifest.generator["GENERATE"]["FRAMES_PER_SCENE"] = 3
+    recorded = read_frame(tiny_data, manifest.scenes[0].frame_ids[0])
+    now, ahead = (past.world_from_ego(recorded, delay_s).translation for delay_s in (0.0, -0.5))
+    assert 0.2 < np.linalg.norm(ahead - now) <= 2.5
