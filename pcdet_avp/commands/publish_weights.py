@@ -14,6 +14,8 @@ from pcdet_avp.models.weights.agreement import MEANING_KEY, meaning_in
 from pcdet_avp.models.weights.checkpoint_file import THRESHOLDS_KEY, read_checkpoint
 
 KEPT = ("model_state", "epoch", "it", "elapsed_s", "version", "versions", "config_name", "config_hash", "config")
+WITH_BOXES = (*KEPT, THRESHOLDS_KEY)
+WITHOUT_BOXES = ("CameraDepth",)  # networks that need no score thresholds
 
 
 def main() -> None:
@@ -23,14 +25,15 @@ def main() -> None:
     args = parser.parse_args()
     ckpt = furthest_of(args.ckpt) if args.ckpt.is_dir() else args.ckpt
     content = read_checkpoint(ckpt)
-    missing = [key for key in (*KEPT, THRESHOLDS_KEY) if key not in content]
+    kept_keys = KEPT if content.get("config", {}).get("MODEL", {}).get("NAME") in WITHOUT_BOXES else WITH_BOXES
+    missing = [key for key in kept_keys if key not in content]
     if missing:
         raise CheckpointError(
             f"{ckpt}: lacks {', '.join(missing)}; tools/train.py chooses score thresholds at the end of a run"
         )
     config = content["config"]
     data = {**config["DATA_CONFIG"], "DATA_PATH": Path(config["DATA_CONFIG"]["DATA_PATH"]).name}  # no path of this disk
-    kept = {key: content[key] for key in (*KEPT, THRESHOLDS_KEY)}
+    kept = {key: content[key] for key in kept_keys}
     save(args.out, kept | {"config": {**config, "DATA_CONFIG": data}, MEANING_KEY: meaning_in(content)})
     size = args.out.stat().st_size / 2**20
     print(f"wrote {args.out}: weights {weights_hash(content['model_state'])}, {size:.1f} MB")

@@ -32,3 +32,12 @@ def test_a_run_without_thresholds_is_refused_and_leaves_no_file(load_tool, monke
     with pytest.raises(CheckpointError, match=r"lacks epoch, .*score_thresholds"):
         publish(load_tool, monkeypatch, tmp_path / "bare.pth", tmp_path / "out.pth")
     assert not (tmp_path / "out.pth").exists()
+
+
+def test_a_network_without_boxes_needs_no_thresholds(load_tool, monkeypatch, trained, tmp_path):
+    content = read_checkpoint(furthest_first(trained / "ckpt")[0])
+    content = {key: value for key, value in content.items() if key != THRESHOLDS_KEY}
+    config = content["config"] | {"MODEL": content["config"]["MODEL"] | {"NAME": "CameraDepth"}}
+    save(tmp_path / "full.pth", content | {"config": config})
+    publish(load_tool, monkeypatch, tmp_path / "full.pth", tmp_path / "out.pth")
+    assert THRESHOLDS_KEY not in read_checkpoint(tmp_path / "out.pth")
