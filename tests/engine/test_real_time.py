@@ -1,5 +1,6 @@
 """What a half says of itself after it has run: ticks, memory, and the table of both."""
 
+import mmap
 import sys
 
 import pytest
@@ -62,9 +63,10 @@ def test_where_memory_is_not_known_there_is_no_figure(monkeypatch):
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
 def test_resident_memory_counts_what_is_written_to():
-    before, held = resident_mb(), bytearray(64 << 20)
-    held[:: 1 << 12] = b"1" * len(held[:: 1 << 12])
-    assert 60 < resident_mb() - before < 90
+    before = resident_mb()
+    with mmap.mmap(-1, 64 << 20) as fresh:  # pages of its own: an allocator may hand out what it holds already
+        fresh.write(b"1" * len(fresh))
+        assert 60 < resident_mb() - before < 190  # the bytes that are written may still be held
     assert real_time.largest_mb() > before
 
 
