@@ -115,7 +115,8 @@ class _Journal:
     def _take(self, line: bytes) -> None:
         try:
             entry: dict[str, Any] = json.loads(line)
-            self.results[entry.pop("key")] = SpeedResult(**entry)
+            key = entry.pop("key")
+            self.results[key] = SpeedResult(**entry)
         except (ValueError, KeyError, TypeError) as error:
             raise RecordError(
                 f"{self.file}: a line is no trial of this version ({error!r}); remove the file"

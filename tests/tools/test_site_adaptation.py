@@ -3,6 +3,7 @@
 import csv
 import json
 import sys
+from pathlib import Path
 
 import pytest
 from plan_files import STRAIGHT, written
@@ -10,6 +11,7 @@ from plan_files import STRAIGHT, written
 from pcdet_avp.models.weights.checkpoint_file import read_checkpoint
 from pcdet_avp.sim.plans.read import read_plan
 
+CFG = Path(__file__).parents[2] / "cfgs" / "avp" / "cp_tiny.yaml"
 MORE = """\
       - {id: side, start: [30, -20], hdg_deg: 90, geometry: [{line_m: 20}], lanes: {right: [3], left: [3]}}
     junctions:
@@ -39,7 +41,8 @@ def test_a_network_is_adapted_to_a_plan_with_its_placed_units(call, load_tool, t
 
     data = tmp_path / "site"
     site = {"data": data, "overrides": ("DATA_CONFIG.GENERATE.PLAN", placed, "DATA_CONFIG.GENERATE.SCENES", 4)}
-    call(tmp_path, "create_data", "--workers", 1, **site)
+    at_site = ("--set", "DATA_CONFIG.DATA_PATH", data, *site["overrides"])
+    tool("create_data", "--cfg", CFG, "--workers", 1, *at_site)
     generator = json.loads((data / "dataset.json").read_text())["generator"]["GENERATE"]
     assert "placed.yaml" in str(generator["PLAN"])
 
@@ -54,7 +57,8 @@ def test_a_network_is_adapted_to_a_plan_with_its_placed_units(call, load_tool, t
 
     for name, ckpt in (("before", before), ("after", after)):
         how = ("--scenario", "t_junction", "--speeds", 5, "--trials", 1, "--combos", "C+CL", "--out", name)
-        call(tmp_path, "safety_eval", "--plan", placed, "--perception", "model", "--ckpt", ckpt, *how, **site)
+        wheel = ("--cfg", CFG, "--plan", placed, "--perception", "model", "--ckpt", ckpt, "--workers", 1)
+        tool("safety_eval", *wheel, *how, *at_site)
         with (tmp_path / name / "episodes.csv").open() as file:
             driven = [row for row in csv.DictReader(file) if row["perception"] == "model"]
         assert [(row["combo"], row["trial"]) for row in driven] == [("C+CL", "0")]
