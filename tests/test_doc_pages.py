@@ -8,6 +8,7 @@ import pytest
 import torch
 import yaml
 
+import pcdet_avp.models.fusion  # noqa: F401 - the registry is filled before a test puts it back as it was
 from pcdet_avp.closed_loop.episode import run_episode
 from pcdet_avp.closed_loop.perception import factory
 from pcdet_avp.closed_loop.perception.perceiver import PerceiverSettings
