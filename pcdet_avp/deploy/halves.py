@@ -21,6 +21,7 @@ from pcdet_avp.link import LatentMap, MapStamp, encode
 from pcdet_avp.link.rate_control import encode_within
 from pcdet_avp.link.units import by_source
 from pcdet_avp.registration import Registrar, RegistrationSettings, SteadyCorrection
+from pcdet_avp.registration.registrar import OWN, SENT
 from pcdet_avp.registration.registrar import Received as ReceivedMap
 from pcdet_avp.structures.pose import Pose
 from pcdet_avp.structures.sensor_set import EGO_SOURCES, INFRA_SOURCES, SOURCES, modality_of
@@ -213,10 +214,10 @@ class VehicleHalf:
         """What was received, its poses corrected where registration is on; as ``models.fusion.register`` does it."""
         if self._registrar is None:
             return received
-        own = {name: (maps[name][0][0], maps[name][1][0, 0]) for name in ("ego_lidar",) if name in maps}
+        own = {name: (maps[name][0][0], maps[name][1][0, 0]) for name in (OWN,) if name in maps}
         sent = [
             ReceivedMap(np.where(r.present, r.values, np.float32(0)), Pose(r.ego_from_sender))
-            for r in received.get("infra_lidar", [])
+            for r in received.get(SENT, [])
         ]
         correction = self._registrar(own, sent)
         pose = correction.true_from_believed if self._memory is None else self._memory(correction)

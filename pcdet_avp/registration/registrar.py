@@ -13,6 +13,7 @@ from pcdet_avp.registration.settings import RegistrationSettings
 from pcdet_avp.structures.bev_grid import BevGrid
 from pcdet_avp.structures.pose import Pose
 
+OWN, SENT = "ego_lidar", "infra_lidar"  # the sources that are compared
 OWN_SIGMAS = 3.0, 1.5, 1.0, 0.7, 0.7  # of the own edges, in cells: for the coarse grid, then for each finer step
 RECEIVED_SIGMA = 1.0  # of the received edges, in cells of the vehicle's grid
 RECEIVED_WEAK = 0.3  # what is sent is the stronger part of a map already

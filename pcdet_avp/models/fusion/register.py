@@ -13,11 +13,9 @@ import torch
 from torch import Tensor
 
 from pcdet_avp.registration import Correction, Registrar, RegistrationSettings
-from pcdet_avp.registration.registrar import NONE, Received
+from pcdet_avp.registration.registrar import NONE, OWN, SENT, Received
 from pcdet_avp.structures.bev_grid import BevGrid
 from pcdet_avp.structures.pose import Pose
-
-OWN, SENT = "ego_lidar", "infra_lidar"  # the sources that are compared
 
 
 class RegisterMaps:

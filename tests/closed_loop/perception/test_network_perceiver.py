@@ -32,21 +32,6 @@ SCENARIO, KEY = SimpleNamespace(name="test", trial=3, reversing=False), (5, 1)
 TICK_S = 0.05
 
 
-@pytest.fixture(autouse=True)
-def one_thread():
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
-
-
-@pytest.fixture(scope="module")
-def driving():
-    driving = untrained(CFG)
-    driving.network.post_processing.min_scores = [0.0095, 0.0095]  # an untrained network is sure of nothing
-    return driving
-
-
 @pytest.fixture(scope="module")
 def rig(driving):
     return rig_ahead(driving)

@@ -11,7 +11,6 @@ import torch
 from pcdet_avp.closed_loop.perception.factory import build_perceiver
 from pcdet_avp.closed_loop.perception.line_of_sight import LineOfSight
 from pcdet_avp.closed_loop.perception.link_options import LinkOptions
-from pcdet_avp.closed_loop.perception.network import untrained
 from pcdet_avp.closed_loop.perception.network_perceiver import NetworkPerceiver
 from pcdet_avp.closed_loop.perception.perceiver import PerceiverSettings
 from pcdet_avp.closed_loop.perception.vehicle_unit import Onboard
@@ -29,21 +28,6 @@ SCENARIO, KEY = SimpleNamespace(name="test", trial=3, reversing=False), (5, 1)
 TICK_S = 0.05
 MAST = MountedUnit(0.0, 0.0, 7.0, np.pi, np.pi / 6)
 ASIDE = MountedUnit(-45.0, 1.0, 7.0, 0.3, np.pi / 6)  # looks at the mast, over the ego
-
-
-@pytest.fixture(autouse=True)
-def one_thread():
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
-
-
-@pytest.fixture(scope="module")
-def driving():
-    driving = untrained(CFG)
-    driving.network.post_processing.min_scores = [0.0095, 0.0095]  # an untrained network is sure of nothing
-    return driving
 
 
 @pytest.fixture(scope="module")
