@@ -28,7 +28,8 @@ from pcdet_avp.errors import ConfigError
 
 BASE_KEY = "_BASE_CONFIG_"
 PATH_KEYS = ("DATA_PATH",)  # values that say where something lies, not what it is
-UNSET_KEYS = ("ROADSIDE_UNIT",)  # keys of later versions, whose null means what earlier ones did without them
+# Keys of DATA_CONFIG of later versions, at the value that means what earlier ones did without them.
+LATER_KEYS = {"ROADSIDE_UNIT": None, "SPLIT_BY": "scene"}
 
 
 class _Loader(yaml.SafeLoader):
@@ -237,7 +238,7 @@ def config_hash(cfg: dict) -> str:
 def _reduced(value: Any, key: str = "") -> Any:
     if isinstance(value, dict):
         value = without_defaults(value) if key == "GENERATE" else value
-        unset = {k for k in UNSET_KEYS if value.get(k) is None}
+        unset = {k for k, default in LATER_KEYS.items() if value.get(k, default) == default}
         unset |= {k for k in ("REGISTRATION",) if not (value.get(k) or {}).get("ENABLED")}
         return {k: _reduced(v, k) for k, v in value.items() if k not in PATH_KEYS and k not in unset}
     if isinstance(value, list | tuple):

@@ -24,6 +24,7 @@ from pcdet_avp.config_rules import (
     TEXT,
     TURN,
     Rule,
+    one_of,
 )
 
 CAMERA = {
@@ -92,6 +93,7 @@ DATA = {
     "ROADSIDE_UNIT": TEXT.or_null(),
     "DATA_SPLIT.train": TEXT,
     "DATA_SPLIT.test": TEXT,
+    "SPLIT_BY": one_of("scene", "frame"),
     "SENSOR_SET": TEXT,
     "TRAIN_SENSOR_SETS": NAMES,
     "POINT_FEATURE_ENCODING.encoding_type": TEXT,
@@ -124,6 +126,7 @@ DATA = {
     "GENERATE.FRAME_INTERVAL_S": POSITIVE,
     **GENERATED_SCENES,
     "GENERATE.PLAN": TEXT.or_null(),
+    "GENERATE.GARAGE_SEED": COUNT_FROM_0.or_null(),
     "GENERATE.SOURCES": NAMES.or_null(),
     "GENERATE.SPLIT.test": SHARE,
     "GENERATE.SPLIT.val": SHARE,

@@ -44,6 +44,11 @@ class Rule:
         )
 
 
+def one_of(*words: str) -> Rule:
+    """One of these words."""
+    return Rule(lambda value: value in words, " or ".join(words))
+
+
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 

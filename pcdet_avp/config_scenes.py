@@ -13,7 +13,9 @@ from typing import Any
 from pcdet_avp.config_fields import fields_from
 from pcdet_avp.structures.scene_config import EgoZone, GarageConfig, SceneConfig
 
-ELSEWHERE = {"GARAGE": (), "SCENE": ("frames", "frame_interval_s", "garage", "plan")}  # fields that other keys set
+LATER_KEYS = ("PLAN", "GARAGE_SEED")  # of GENERATE: null, or absent, means what data sets were without them
+# Fields that other keys set.
+ELSEWHERE = {"GARAGE": (), "SCENE": ("frames", "frame_interval_s", "garage", "plan", "garage_seed")}
 
 
 def scene_config(generate: Mapping[str, Any]) -> SceneConfig:
@@ -25,8 +27,8 @@ def scene_config(generate: Mapping[str, Any]) -> SceneConfig:
         zones = [fields_from(EgoZone, zone, f"{where}.SCENE.ZONES") for zone in scene["zones"]]
         scene["zones"] = [EgoZone(**_with_tuples(zone)) for zone in zones]
     times = {"frames": generate["FRAMES_PER_SCENE"], "frame_interval_s": float(generate["FRAME_INTERVAL_S"])}
-    times["plan"] = generate.get("PLAN")
-    return replace(SceneConfig(), garage=GarageConfig(**_with_tuples(garage)), **_with_tuples(scene), **times)
+    place = {"plan": generate.get("PLAN"), "garage_seed": generate.get("GARAGE_SEED")}
+    return replace(SceneConfig(), garage=GarageConfig(**_with_tuples(garage)), **_with_tuples(scene), **times, **place)
 
 
 def _with_tuples(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -58,24 +60,21 @@ def known_name(key: str, above: Sequence[str]) -> str:
 
 
 def completed(generate: Mapping[str, Any]) -> dict[str, Any]:
-    """GENERATE with PLAN and every key of GARAGE and SCENE, what it lacks at its default: for comparisons."""
+    """GENERATE with LATER_KEYS and every key of GARAGE and SCENE, what it lacks at its default: for comparisons."""
     given = {name: _renamed(generate.get(name) or {}, name) for name in DEFAULTS}
-    return {**generate, "PLAN": generate.get("PLAN"), **{name: {**DEFAULTS[name], **given[name]} for name in DEFAULTS}}
+    sections = {name: {**DEFAULTS[name], **given[name]} for name in DEFAULTS}
+    return {**dict.fromkeys(LATER_KEYS), **generate, **sections}
 
 
 def without_defaults(generate: Mapping[str, Any]) -> dict[str, Any]:
     """GENERATE as it was written before its GARAGE and SCENE were: only what differs from a default, in lower case."""
-    rest = {key: value for key, value in _without_no_plan(generate).items() if key not in DEFAULTS}
+    unset = {key for key in LATER_KEYS if generate.get(key) is None}
+    rest = {key: value for key, value in generate.items() if key not in DEFAULTS and key not in unset}
     for name, defaults in DEFAULTS.items():
         given = _renamed(generate.get(name) or {}, name)
         changed = {k.lower(): v for k, v in given.items() if k not in defaults or v != defaults[k]}
         rest |= {name: changed} if changed else {}
     return rest
-
-
-def _without_no_plan(generate: Mapping[str, Any]) -> dict[str, Any]:
-    """GENERATE as it was before it could name a plan, where it names none."""
-    return {key: value for key, value in generate.items() if key != "PLAN" or value is not None}
 
 
 def _renamed(section: Mapping[str, Any], name: str) -> dict[str, Any]:

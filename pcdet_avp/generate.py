@@ -20,7 +20,7 @@ from pcdet_avp.config_scenes import scene_config
 from pcdet_avp.datasets.avp.claim import claim
 from pcdet_avp.datasets.avp.manifest import Manifest, Scene, write_manifest
 from pcdet_avp.datasets.avp.record import has_frame, read_frame, write_frame
-from pcdet_avp.datasets.avp.splits import TEST_SHARE, VAL_SHARE, assign_splits
+from pcdet_avp.datasets.avp.splits import assign_splits, split_shares
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.parallel import run_tasks
 from pcdet_avp.sim.plans.read import read_plan
@@ -104,20 +104,6 @@ def captured_sources(settings: Mapping) -> tuple[str, ...]:
             f"DATA_CONFIG.GENERATE.SOURCES: expected a list of some of {', '.join(SOURCES)}, found {named!r}"
         )
     return tuple(source for source in SOURCES if source in named)
-
-
-def split_shares(settings: Mapping) -> tuple[float, float]:
-    """GENERATE.SPLIT: {test: of all scenes, val: of the scenes that are not tested on}; by default the paper's."""
-    shares = {"test": TEST_SHARE, "val": VAL_SHARE} | dict(settings.get("SPLIT", {}))
-    if set(shares) != {"test", "val"}:
-        unknown = min(set(shares) - {"test", "val"})
-        raise ConfigError(f"DATA_CONFIG.GENERATE.SPLIT: unknown key {unknown!r}; known: test, val")
-    for name, share in shares.items():
-        if isinstance(share, bool) or not isinstance(share, int | float) or not 0 <= share < 1:
-            raise ConfigError(
-                f"DATA_CONFIG.GENERATE.SPLIT.{name}: expected a share of at least 0 and below 1, found {share!r}"
-            )
-    return float(shares["test"]), float(shares["val"])
 
 
 def make_scene(job: SceneJob) -> int:

@@ -17,9 +17,10 @@ from pcdet_avp.bandwidth.report import make_content, write_report
 from pcdet_avp.bandwidth.study import StudyOptions, run_study
 from pcdet_avp.cli import CKPT_HELP, config_parser, load_arguments_config, run_tool
 from pcdet_avp.datasets import build_dataset
-from pcdet_avp.datasets.avp.splits import SPLITS
+from pcdet_avp.datasets.avp.splits import SPLITS, protocol_of
 from pcdet_avp.engine import checkpoint, distributed
 from pcdet_avp.engine.outputs import RunFolder, choose_checkpoint, open_log
+from pcdet_avp.engine.same_split import check_same_split
 from pcdet_avp.engine.testing.detect import parse_combos
 from pcdet_avp.engine.testing.run import load_network
 from pcdet_avp.files import make_folder
@@ -68,11 +69,12 @@ def main() -> None:
     dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split=args.split, logger=logger)
     ckpt = choose_checkpoint(args.ckpt, args.cfg, run_folder.checkpoints, logger.info)
     model, content = load_network(cfg, ckpt, dataset, ranks, logger)
+    check_same_split(content, cfg.DATA_CONFIG, ckpt)
     weights = checkpoint.weights_hash(content["model_state"])
     study = run_study(model, cfg, dataset, weights, options, out, ranks, logger, args.workers)
     seed = content.get("sampler", {}).get("seed")
     meta = provenance(cfg, Path(args.cfg).stem, seed=seed, weights_hash=weights, started=started)
-    about = {"checkpoint": ckpt.name, "iterations": content.get("it")}
+    about = {"checkpoint": ckpt.name, "iterations": content.get("it"), "split_by": protocol_of(cfg.DATA_CONFIG)}
     write_report(make_content(study, dataset, content.get(THRESHOLDS_KEY), meta | about, codec), out, logger)
     print((out / "report.md").read_text(encoding="utf-8") + f"\nwritten to {out}")
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from pcdet_avp.argument_types import check_together, non_negative_int, path, positive_int
 from pcdet_avp.cli import CKPT_HELP, config_parser, load_arguments_config, run_tool
-from pcdet_avp.datasets.avp.splits import SPLITS
+from pcdet_avp.datasets.avp.splits import SPLITS, split_name
 from pcdet_avp.deploy.runtime import TORCH
 from pcdet_avp.engine import distributed
 from pcdet_avp.engine.checkpoint import epoch_checkpoints
@@ -93,7 +93,8 @@ def _tag(args: argparse.Namespace) -> str:
 
 
 def _report(result: BenchmarkResult | DepthResult, path: Path, folder: RunFolder, args: argparse.Namespace) -> None:
-    where = folder.evaluation / path.stem / result.meta["split"] / (args.eval_tag or _tag(args))
+    split = split_name(result.meta["split"], result.meta["split_by"])
+    where = folder.evaluation / path.stem / split / (args.eval_tag or _tag(args))
     if isinstance(result, DepthResult):
         result.write(where, args.json)
     else:

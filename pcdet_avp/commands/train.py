@@ -16,6 +16,7 @@ from pcdet_avp.argument_types import non_negative_int, path, positive_float, pos
 from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
 from pcdet_avp.config import require
 from pcdet_avp.datasets.avp.manifest import MANIFEST_FILE, read_manifest
+from pcdet_avp.datasets.avp.splits import split_name
 from pcdet_avp.engine import distributed
 from pcdet_avp.engine.outputs import RunFolder, open_log
 from pcdet_avp.engine.testing.depth_table import run_depth_test
@@ -144,15 +145,16 @@ def _evaluate(cfg, name, last, folder, args, ranks, logger, started) -> None:
     batch_size = cfg.OPTIMIZATION.BATCH_SIZE_PER_GPU
     loading = {"batch_size": batch_size, "workers": args.workers, "started": started}
     if not detects_objects(cfg.MODEL):
-        _report(run_depth_test(cfg, name, last, ranks, logger, **loading), folder.evaluation / last.stem / "val", ranks)
+        _report(run_depth_test(cfg, name, last, ranks, logger, **loading), folder.evaluation / last.stem, ranks)
         return
     store_driving_thresholds(cfg, last, ranks, logger, batch_size, args.workers)
     result = run_test(cfg, name, last, list(SENSOR_SETS), ranks, logger, **loading)
-    _report(result, folder.evaluation / last.stem / "test", ranks)
+    _report(result, folder.evaluation / last.stem, ranks)
     logger.info(f"checkpoint {last}")
 
 
-def _report(result, where: Path, ranks: distributed.Ranks) -> None:
+def _report(result, folder: Path, ranks: distributed.Ranks) -> None:
+    where = folder / split_name(result.meta["split"], result.meta["split_by"])
     if ranks.is_first:
         result.write(where)
         print(f"\n{result.tables}\n\nwritten to {where}")

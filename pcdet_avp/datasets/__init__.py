@@ -30,5 +30,7 @@ def build_dataset(
 def has_split(dataset_cfg, split: str) -> bool:
     """Whether a split of the data set has any frame."""
     from pcdet_avp.datasets.avp.manifest import read_manifest
+    from pcdet_avp.datasets.avp.splits import protocol_of
 
-    return read_manifest(require(dataset_cfg, "DATA_PATH", str)).frame_counts[split] > 0
+    manifest = read_manifest(require(dataset_cfg, "DATA_PATH", str))
+    return bool(manifest.frame_ids(split, protocol_of(dataset_cfg)))

@@ -67,9 +67,12 @@ class SceneConfig:
     same_lane: tuple[int, int] = (0, 1)
     opposite_lane: tuple[int, int] = (0, 2)
     plan: str | None = None  # file of a garage's plan; None: garages are drawn
+    garage_seed: int | None = None  # draws one garage for all scenes; None: each has its own
 
     def __post_init__(self) -> None:
         check_ranges(self)
+        if self.plan is not None and self.garage_seed is not None:
+            raise ConfigError("DATA_CONFIG.GENERATE: expected PLAN or GARAGE_SEED, found both: a plan is one garage")
         total = math.fsum(zone.share for zone in self.zones)
         if not math.isclose(total, 1.0, abs_tol=1e-8):
             raise ConfigError(f"SceneConfig.zones: expected shares that add up to 1, found a sum of {total}")

@@ -34,6 +34,7 @@ def test_the_json_file_has_the_documented_form(results):
 def test_the_json_file_says_where_it_comes_from(results):
     meta = results[0]["meta"]
     assert (meta["config"], meta["split"], meta["frames"], meta["seed"]) == ("cp_tiny", "test", 1, 0)
+    assert meta["split_by"] == "scene"
     assert len(meta["weights_hash"]) == len(meta["config_hash"]) == 16
     assert set(meta["score_thresholds"]) == {"Car", "Pedestrian"}
     assert meta["wall_time_s"] > 0
@@ -50,6 +51,7 @@ def test_the_wire_changes_the_bytes_and_nothing_else(results):
 def test_some_combinations_on_another_split_print_their_rows(call, trained, capsys):
     call(trained.parents[3], "test", "--combos", "CL+CL,C+none", "--split", "val")
     printed = capsys.readouterr().out
+    assert "Split 'val', by scene:" in printed
     assert printed.count("| ours ") == printed.count("| paper ") == 4
     assert (trained / "eval" / "checkpoint_epoch_2" / "val" / "default" / "result.json").exists()
 
@@ -86,3 +88,10 @@ def test_what_does_not_exist_is_said_so(call, trained, tmp_path):
         call(tmp_path, "test", "--combos", "L")
     with pytest.raises(CheckpointError, match=r"none\.pth: cannot read"):
         call(tmp_path, "test", "--ckpt", tmp_path / "none.pth")
+
+
+def test_frames_that_the_weights_were_trained_on_by_the_other_protocol_are_not_tested_on(call, trained, tmp_path):
+    ckpt = trained / "ckpt" / "checkpoint_epoch_2.pth"
+    for tool, given in (("test", "--ckpt"), ("train", "--pretrained_model")):
+        with pytest.raises(CheckpointError, match=r"trained on these data with DATA_CONFIG\.SPLIT_BY 'scene'"):
+            call(tmp_path, tool, given, ckpt, overrides=["DATA_CONFIG.SPLIT_BY", "frame"])

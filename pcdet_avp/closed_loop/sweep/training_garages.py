@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pcdet_avp.config_scenes import scene_config
+from pcdet_avp.datasets.avp.splits import protocol_of
 from pcdet_avp.generate import plan
 from pcdet_avp.sim.scenarios.table import ON_PLAN
 from pcdet_avp.structures.scene_config import GarageConfig
@@ -24,10 +25,12 @@ def trials_in_training_garages(data_cfg: Mapping[str, Any], scenario: str, seed:
     generate = data_cfg.get("GENERATE")
     if not generate or generate.get("SEED") != seed or generate.get("PLAN") or ON_PLAN in scenario:
         return []
-    if scene_config(generate).garage != GarageConfig():  # other ranges: other buildings
+    settings = scene_config(generate)
+    if settings.garage != GarageConfig() or settings.garage_seed is not None:  # other buildings
         return []
-    scenes = plan({**data_cfg, "ROADSIDE_UNITS": None}).scenes
-    return [trial for trial, scene in enumerate(scenes[:trials]) if scene.split == TRAIN]
+    manifest = plan({**data_cfg, "ROADSIDE_UNITS": None})
+    trained = {frame.partition("/")[0] for frame in manifest.frame_ids(TRAIN, protocol_of(data_cfg))}
+    return [trial for trial, scene in enumerate(manifest.scenes[:trials]) if scene.name in trained]
 
 
 def sentence(trials: Sequence[int], seed: int) -> str:

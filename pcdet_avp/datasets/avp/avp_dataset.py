@@ -18,6 +18,7 @@ from pcdet_avp.datasets.avp.manifest import read_manifest
 from pcdet_avp.datasets.avp.network_input import NetworkInput
 from pcdet_avp.datasets.avp.prepare import prepare
 from pcdet_avp.datasets.avp.record import read_frame, recorded_sources
+from pcdet_avp.datasets.avp.splits import protocol_of
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.evaluation import Detections, GroundTruth, Region, evaluate
 from pcdet_avp.evaluation.detections_file import write_texts
@@ -82,7 +83,8 @@ class AvpDataset(torch.utils.data.Dataset):
         frame_ids = find_frames(self.root_path, self.dataset_cfg, names, self.split)
         self._check_first_frame(frame_ids[0])
         if self.logger is not None:
-            self.logger.info("%s: %d frames in split %s", self.root_path, len(frame_ids), self.split)
+            by = protocol_of(self.dataset_cfg)
+            self.logger.info("%s: %d frames in split %s, split by %s", self.root_path, len(frame_ids), self.split, by)
         return frame_ids
 
     def _labelled(self) -> list[str]:

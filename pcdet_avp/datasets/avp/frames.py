@@ -7,11 +7,12 @@ from pathlib import Path
 
 from pcdet_avp.datasets.avp.made_by import check_made_by
 from pcdet_avp.datasets.avp.manifest import MANIFEST_FILE, Manifest, read_manifest
+from pcdet_avp.datasets.avp.splits import SPLITS, protocol_of
 from pcdet_avp.errors import RecordError
 
 
 def find_frames(root: Path, dataset_cfg: Mapping, class_names: Sequence[str], split: str) -> list[str]:
-    """Ids of the frames of a split, in order.
+    """Ids of the frames of a split (by DATA_CONFIG.SPLIT_BY), in order.
 
     RecordError where the data set is unfinished, was made with other settings (DATA_CONFIG), lacks a class, or has no
     frame in the split.
@@ -23,9 +24,11 @@ def find_frames(root: Path, dataset_cfg: Mapping, class_names: Sequence[str], sp
     missing = [name for name in class_names if name not in manifest.class_names]
     if missing:
         raise RecordError(f"{file}: class_names: holds {list(manifest.class_names)}, but {missing[0]!r} is asked for")
-    frame_ids = manifest.frame_ids(split)
+    protocol = protocol_of(dataset_cfg)
+    frame_ids = manifest.frame_ids(split, protocol)
     if not frame_ids:
-        raise RecordError(f"{file}: scenes: no frame in split {split!r}; frames: {manifest.frame_counts}")
+        counts = {name: len(manifest.frame_ids(name, protocol)) for name in SPLITS}
+        raise RecordError(f"{file}: scenes: no frame in split {split!r}; frames: {counts}")
     return frame_ids
 
 

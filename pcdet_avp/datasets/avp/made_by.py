@@ -15,6 +15,7 @@ from pcdet_avp.errors import RecordError
 
 PARTS = ("SENSORS", "GENERATE")  # of DATA_CONFIG: what the generator makes data from
 SEED = "GENERATE.SEED"
+BESIDE = ("GENERATE.SCENES", "GENERATE.SPLIT", "GENERATE.SOURCES")  # which of the scenes and sensors, not what they are
 
 
 def check_made_by(manifest: Manifest, dataset_cfg: Mapping, root: Path) -> None:
@@ -23,14 +24,25 @@ def check_made_by(manifest: Manifest, dataset_cfg: Mapping, root: Path) -> None:
     Recordings that say nothing of a generator, and configurations without these sections, pass. The seed may also be
     the one that tools/create_data.py was told by --seed.
     """
+    unlike = _unlike(manifest, dataset_cfg, PARTS)
+    if unlike:
+        raise RecordError(_message(root / MANIFEST_FILE, unlike))
+
+
+def describes(dataset_cfg: Mapping, manifest: Manifest) -> bool:
+    """Whether GENERATE of a configuration makes the scenes of a data set; how many, their splits and which sensors are
+    captured may differ."""
+    return all(key.startswith(BESIDE) for key, _, _ in _unlike(manifest, dataset_cfg, ("GENERATE",)))
+
+
+def _unlike(manifest: Manifest, dataset_cfg: Mapping, parts: tuple[str, ...]) -> list[tuple[str, Any, Any]]:
+    """Key, value that the data were made with, and the configuration's, of what differs."""
     differences = []
-    for part in PARTS:
+    for part in parts:
         if part in manifest.generator and part in dataset_cfg:
             ours, theirs = complete(dataset_cfg)[part], complete(manifest.generator)[part]
             differences += _differences(theirs, ours, part)
-    unlike = [(key, found, said) for key, found, said in differences if key != SEED or said != manifest.seed]
-    if unlike:
-        raise RecordError(_message(root / MANIFEST_FILE, unlike))
+    return [(key, found, said) for key, found, said in differences if key != SEED or said != manifest.seed]
 
 
 def complete(made_from: Mapping) -> dict:

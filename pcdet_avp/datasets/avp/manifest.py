@@ -8,7 +8,7 @@ from pathlib import Path
 from pcdet_avp import __version__
 from pcdet_avp.datasets.avp.fields import Field, write_record_json
 from pcdet_avp.datasets.avp.layout import PARTIAL_SUFFIX, SCHEMA_VERSION, check_schema, frame_dir
-from pcdet_avp.datasets.avp.splits import SPLITS
+from pcdet_avp.datasets.avp.splits import BY_SCENE, SPLITS, assign_splits, split_shares
 from pcdet_avp.errors import RecordError
 from pcdet_avp.files import replacing
 from pcdet_avp.structures.frame import CLASS_NAMES
@@ -40,11 +40,22 @@ class Manifest:
     package_version: str = __version__
     class_names: tuple[str, ...] = CLASS_NAMES
 
-    def frame_ids(self, split: str) -> list[str]:
-        """Every frame of one split, scene by scene."""
+    def frame_ids(self, split: str, protocol: str = BY_SCENE) -> list[str]:
+        """Every frame of one split, scene by scene; ``protocol``: DATA_CONFIG.SPLIT_BY."""
         if split not in SPLITS:
             raise RecordError(f"{MANIFEST_FILE}: unknown split {split!r}; known: {', '.join(SPLITS)}")
-        return [frame_id for scene in self.scenes if scene.split == split for frame_id in scene.frame_ids]
+        if protocol == BY_SCENE:
+            return [frame_id for scene in self.scenes if scene.split == split for frame_id in scene.frame_ids]
+        return [frame_id for frame_id, drawn in self._drawn_by_frame().items() if drawn == split]
+
+    def _drawn_by_frame(self) -> dict[str, str]:
+        """frame id -> split, scene by scene: a permutation of all frames by the data set's seed (0 where it has none
+        that is a whole number), with the shares that its scenes were split by (GENERATE.SPLIT)."""
+        frame_ids = [frame_id for scene in self.scenes for frame_id in scene.frame_ids]
+        shares = split_shares(self.generator.get("GENERATE") or {})
+        seed = self.seed if isinstance(self.seed, int) and self.seed >= 0 else 0
+        drawn = assign_splits(frame_ids, seed, *shares)
+        return {frame_id: drawn[frame_id] for frame_id in frame_ids}
 
     @property
     def frame_counts(self) -> dict[str, int]:

@@ -15,9 +15,11 @@ from torch import Tensor, nn
 from tqdm import tqdm
 
 from pcdet_avp.datasets import build_dataset
+from pcdet_avp.datasets.avp.splits import BY_SCENE, protocol_line, protocol_of
 from pcdet_avp.engine import checkpoint
 from pcdet_avp.engine.distributed import Ranks
 from pcdet_avp.engine.loader import batches
+from pcdet_avp.engine.same_split import check_same_split
 from pcdet_avp.files import write_json, write_text
 from pcdet_avp.models import build_network
 from pcdet_avp.models.encoders.depth_branch import depth_truth
@@ -113,6 +115,7 @@ def _of_batch(model: nn.Module, batch_dict: dict) -> Iterator[tuple[str, DepthEr
 def _load(cfg: Mapping, path: Path, dataset: Any, ranks: Ranks) -> tuple[nn.Module, dict[str, Any]]:
     """(network, the checkpoint's content); what a whole network has besides is left out, nothing may be missing."""
     content = read_checkpoint(path)
+    check_same_split(content, cfg["DATA_CONFIG"], path)
     model = build_network(cfg.MODEL, len(cfg.CLASS_NAMES), dataset).to(ranks.device)
     own = {key: value for key, value in content["model_state"].items() if key in model.state_dict()}
     checkpoint.load_model(model, {**content, "model_state": own}, path)
@@ -129,8 +132,9 @@ class DepthResult:
     @property
     def tables(self) -> str:
         """The table in Markdown."""
-        title = f"Depth errors of {self.meta['config']} on road users, {self.meta['frames']} frames of the split "
-        return "\n".join([f"{title}{self.meta['split']!r}", "", HEADER, *map(_line, self.rows)])
+        title = f"Depth errors of {self.meta['config']} on road users, {self.meta['frames']} frames"
+        protocol = protocol_line(self.meta["split"], self.meta.get("split_by", BY_SCENE))
+        return "\n".join([title, protocol, "", HEADER, *map(_line, self.rows)])
 
     @property
     def scalars(self) -> dict[str, float]:
@@ -175,5 +179,5 @@ def run_depth_test(
     seed = content.get("sampler", {}).get("seed")
     meta = provenance(cfg, config_name, seed=seed, weights_hash=weights, started=started)
     meta |= {"checkpoint": Path(path).name, "iterations": content.get("it")}
-    meta |= {"split": split, "frames": len(dataset)}
+    meta |= {"split": split, "split_by": protocol_of(cfg["DATA_CONFIG"]), "frames": len(dataset)}
     return DepthResult(meta, [row for source, of_source in errors.items() for row in of_source.rows(source)])

@@ -11,9 +11,11 @@ from typing import Any
 from torch import nn
 
 from pcdet_avp.datasets import build_dataset, has_split
+from pcdet_avp.datasets.avp.splits import BY_SCENE, protocol_line, protocol_of
 from pcdet_avp.deploy.runtime import TORCH
 from pcdet_avp.engine import checkpoint
 from pcdet_avp.engine.distributed import Ranks
+from pcdet_avp.engine.same_split import check_same_split
 from pcdet_avp.engine.testing.detect import benchmark, detect, driving_thresholds, existing_combos
 from pcdet_avp.engine.testing.exported import load_exported
 from pcdet_avp.engine.testing.roadside_gain import roadside_gains
@@ -42,7 +44,8 @@ class BenchmarkResult:
         """The benchmark table of every region, beside the paper's, and how sure the roadside's gain is."""
         regions = list(dict.fromkeys(row["region"] for row in self.rows))
         parts = [render(self.rows, self.meta["config"], region) for region in regions]
-        return "\n\n".join([*parts, "\n".join(self.gains)]).rstrip()
+        protocol = protocol_line(self.meta["split"], self.meta.get("split_by", BY_SCENE))
+        return "\n\n".join([protocol, *parts, "\n".join(self.gains)]).rstrip()
 
     def write(self, folder: Path, json_file: Path | None = None, save_to_file: bool = False) -> None:
         """``result.json``, ``table.md``, details and detections into a folder; the JSON also to a file of its own.
@@ -94,6 +97,7 @@ def run_test(
     dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split=split, logger=logger)
     if runtime == TORCH:
         model, content = load_network(cfg, path, dataset, ranks, logger)
+        check_same_split(content, cfg["DATA_CONFIG"], path)
         content["weights_hash"] = checkpoint.weights_hash(content["model_state"])
     else:
         model, content = load_exported(cfg, path, runtime)
@@ -103,7 +107,8 @@ def run_test(
     seed = content.get("sampler", {}).get("seed")
     meta = provenance(cfg, config_name, seed=seed, weights_hash=content["weights_hash"], started=started)
     gains = roadside_gains(dataset, found.detections)
-    return BenchmarkResult(meta | _about(path, content, dataset, wire), rows, texts, found.detections, gains)
+    meta |= _about(path, content, dataset, wire) | {"split_by": protocol_of(cfg["DATA_CONFIG"])}
+    return BenchmarkResult(meta, rows, texts, found.detections, gains)
 
 
 def _about(path: Path, content: Mapping[str, Any], dataset: Any, wire: bool) -> dict[str, Any]:

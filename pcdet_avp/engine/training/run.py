@@ -17,6 +17,7 @@ from pcdet_avp.engine import checkpoint
 from pcdet_avp.engine.distributed import Ranks
 from pcdet_avp.engine.loader import batches
 from pcdet_avp.engine.outputs import RunFolder
+from pcdet_avp.engine.same_split import check_same_split
 from pcdet_avp.engine.seed import seed_torch
 from pcdet_avp.engine.testing.detect import existing_combos
 from pcdet_avp.engine.testing.pictures import detection_picture
@@ -99,6 +100,7 @@ def build_trainer(cfg: Mapping, dataset: Any, options: TrainOptions, ranks: Rank
     if options.sync_bn:
         model = nn.SyncBatchNorm.convert_sync_batchnorm(model)
     for path in options.pretrained_model:
+        check_same_split(read_checkpoint(path), cfg["DATA_CONFIG"], path)
         model.load_params_from_file(filename=path, logger=logger, to_cpu=True)
     if hasattr(model, "sources"):
         dataset.sources = model.sources  # what the network does not look at is not read either

@@ -8,7 +8,7 @@ from typing import Any
 
 import torch
 
-from pcdet_avp.config import PATH_KEYS, plain
+from pcdet_avp.config import LATER_KEYS, PATH_KEYS, plain
 from pcdet_avp.config_scenes import completed
 from pcdet_avp.engine.checkpoint import load_model
 from pcdet_avp.engine.seed import random_state, restore_random_state, seed_torch
@@ -82,11 +82,12 @@ def check_config(cfg: Mapping, theirs: Mapping | None, path: str) -> None:
 
 
 def _complete(cfg: Mapping) -> dict[str, Any]:
-    """A configuration as plain values, with the keys of generated scenes that an older one lacks."""
+    """A configuration as plain values, with the keys of DATA_CONFIG that an older one lacks."""
     content = plain(cfg)
-    data = content.get("DATA_CONFIG") or {}
+    data = {**LATER_KEYS, **(content.get("DATA_CONFIG") or {})}
     if isinstance(data.get("GENERATE"), dict):
-        content["DATA_CONFIG"] = {**data, "GENERATE": completed(data["GENERATE"])}
+        data["GENERATE"] = completed(data["GENERATE"])
+    content["DATA_CONFIG"] = data
     return content
 
 

@@ -50,12 +50,14 @@ class TrainingScene:
 
 
 def draw_training_scene(rng: np.random.Generator, cfg: SceneConfig | None = None) -> TrainingScene:
-    """A scene drawn from the ranges of ``cfg``; everything in it follows from ``rng``. With
-    ``cfg.plan`` it plays in that file's garage, else in one that is drawn."""
+    """A scene drawn from the ranges of ``cfg``; everything in it follows from ``rng``.
+
+    With ``cfg.plan`` it plays in that file's garage, else in one that is drawn: by ``cfg.garage_seed``, if given, which
+    fixes the building, its lamps and the mast, else by ``rng``."""
     cfg = cfg or SceneConfig()
     if cfg.plan is not None:
         return TrainingScene(*draw_on_plan(rng, cfg, cached_plan(cfg.plan)))
-    layout = draw_layout(rng, cfg.garage)
+    layout = draw_layout(rng if cfg.garage_seed is None else np.random.default_rng(cfg.garage_seed), cfg.garage)
     times = np.arange(cfg.frames) * cfg.frame_interval_s
     zone = cfg.zones[rng.choice(len(cfg.zones), p=[zone.share for zone in cfg.zones])]
     ego = _draw_ego(rng, cfg, layout, zone, times[-1])

@@ -42,3 +42,11 @@ def test_other_seeds_plans_and_ranges_are_other_buildings(data_cfg):
     wider = {**data_cfg, "GENERATE": {**data_cfg.GENERATE, "GARAGE": {"CEILING_M": [4.0, 5.0]}}}
     assert trials_in_training_garages(wider, "t_junction", 0, 20) == []
     assert trials_in_training_garages({}, "t_junction", 0, 20) == []
+    one = {**data_cfg, "GENERATE": {**data_cfg.GENERATE, "GARAGE_SEED": 0}}
+    assert trials_in_training_garages(one, "t_junction", 0, 20) == []
+
+
+def test_by_frame_nearly_every_scene_was_trained_on(data_cfg):
+    """None of a scene's five frames is in the training split once in 0.28 ** -5 = 580 scenes."""
+    found = trials_in_training_garages({**data_cfg, "SPLIT_BY": "frame"}, "t_junction", data_cfg.GENERATE.SEED, 20)
+    assert found == list(range(20))
