@@ -77,9 +77,15 @@ SCENE = {
     "VIEW_M": POSITIVE,
     **dict.fromkeys(COUNTED, COUNTS),
 }
+MAST = {
+    **dict.fromkeys(("HEIGHT_M", "AIM_M", "CEILING_ABOVE_M"), POSITIVE.list_of(2)),
+    "PITCH_DOWN_DEG": ELEVATION.list_of(2),
+    **dict.fromkeys(("YAW_DEG", "OFFSET_M"), NUMBER.list_of(2)),
+    "LOWEST_CEILING_M": POSITIVE,
+}
 GENERATED_SCENES = {
     f"GENERATE.{part}.{key}": rule
-    for part, rules in (("GARAGE", GARAGE), ("SCENE", SCENE))
+    for part, rules in (("GARAGE", GARAGE), ("SCENE", SCENE), ("MAST", MAST))
     for key, rule in rules.items()
 }
 DATA = {

@@ -11,11 +11,11 @@ from dataclasses import asdict, replace
 from typing import Any
 
 from pcdet_avp.config_fields import fields_from
-from pcdet_avp.structures.scene_config import EgoZone, GarageConfig, SceneConfig
+from pcdet_avp.structures.scene_config import EgoZone, GarageConfig, MastConfig, SceneConfig
 
-LATER_KEYS = ("PLAN", "GARAGE_SEED")  # of GENERATE: null, or absent, means what data sets were without them
+LATER_KEYS = ("PLAN", "GARAGE_SEED", "MAST")  # of GENERATE: null, or absent, means what data sets were without them
 # Fields that other keys set.
-ELSEWHERE = {"GARAGE": (), "SCENE": ("frames", "frame_interval_s", "garage", "plan", "garage_seed")}
+ELSEWHERE = {"GARAGE": (), "SCENE": ("frames", "frame_interval_s", "garage", "plan", "garage_seed", "mast")}
 
 
 def scene_config(generate: Mapping[str, Any]) -> SceneConfig:
@@ -27,8 +27,16 @@ def scene_config(generate: Mapping[str, Any]) -> SceneConfig:
         zones = [fields_from(EgoZone, zone, f"{where}.SCENE.ZONES") for zone in scene["zones"]]
         scene["zones"] = [EgoZone(**_with_tuples(zone)) for zone in zones]
     times = {"frames": generate["FRAMES_PER_SCENE"], "frame_interval_s": float(generate["FRAME_INTERVAL_S"])}
-    place = {"plan": generate.get("PLAN"), "garage_seed": generate.get("GARAGE_SEED")}
+    place = {"plan": generate.get("PLAN"), "garage_seed": generate.get("GARAGE_SEED"), "mast": _mast(generate)}
     return replace(SceneConfig(), garage=GarageConfig(**_with_tuples(garage)), **_with_tuples(scene), **times, **place)
+
+
+def _mast(generate: Mapping[str, Any]) -> MastConfig | None:
+    """The ranges of GENERATE.MAST; None where it is absent or null."""
+    section = generate.get("MAST")
+    if section is None:
+        return None
+    return MastConfig(**_with_tuples(fields_from(MastConfig, section, "DATA_CONFIG.GENERATE.MAST")))
 
 
 def _with_tuples(values: Mapping[str, Any]) -> dict[str, Any]:

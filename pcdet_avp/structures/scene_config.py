@@ -34,6 +34,44 @@ class GarageConfig:
 
 
 @dataclass(frozen=True)
+class MastConfig:
+    """Ranges (low, high) out of which the roadside unit of a drawn garage is drawn: evenly, the pitch within what
+    ``aim_m`` allows at the drawn height. Our choice: from a low beam to the paper's 7 m."""
+
+    height_m: tuple[float, float] = (2.3, 7.0)
+    pitch_down_deg: tuple[float, float] = (5.0, 45.0)
+    yaw_deg: tuple[float, float] = (-15.0, 15.0)  # from along the road, where the ego comes from; positive to the left
+    offset_m: tuple[float, float] = (-2.5, 2.5)  # from the road's axis, along the world's y axis
+    aim_m: tuple[float, float] = (5.0, 60.0)  # how far before the mast the optical axis meets the floor
+    ceiling_above_m: tuple[float, float] = (0.2, 0.6)  # the ceiling hangs so far above the unit,
+    lowest_ceiling_m: float = 2.9  # but not below this: vans are up to 2.5 m high, ducts reach down to 0.89 of it
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        for name in ("height_m", "aim_m", "ceiling_above_m"):
+            if getattr(self, name)[0] <= 0:
+                raise ConfigError(f"MastConfig.{name}: expected numbers above 0, found {getattr(self, name)!r}")
+        for height in self.height_m:
+            low, high = self.pitch_range(height)
+            if not low <= high:
+                raise ConfigError(
+                    f"MastConfig: at a height of {height:g} m no pitch of pitch_down_deg {self.pitch_down_deg!r} lets "
+                    f"the optical axis meet the floor within aim_m {self.aim_m!r}"
+                )
+
+    def pitch_range(self, height_m: float) -> tuple[float, float]:
+        """Least and greatest pitch (rad) of a unit at this height."""
+        near, far = self.aim_m
+        low, high = (math.radians(angle) for angle in self.pitch_down_deg)
+        return max(low, math.atan(height_m / far)), min(high, math.atan(height_m / near))
+
+    def ceiling_range(self, height_m: float) -> tuple[float, float]:
+        """Least and greatest height (m) of the ceiling above a unit at this height."""
+        low, high = (max(height_m + above, self.lowest_ceiling_m) for above in self.ceiling_above_m)
+        return low, high
+
+
+@dataclass(frozen=True)
 class EgoZone:
     """Where the ego is while a scene lasts, as distance before the mast, and what is special there."""
 
@@ -68,11 +106,16 @@ class SceneConfig:
     opposite_lane: tuple[int, int] = (0, 2)
     plan: str | None = None  # file of a garage's plan; None: garages are drawn
     garage_seed: int | None = None  # draws one garage for all scenes; None: each has its own
+    mast: MastConfig | None = (
+        None  # ranges of the roadside unit's pose; None: at the origin, as high as the sensors say
+    )
 
     def __post_init__(self) -> None:
         check_ranges(self)
         if self.plan is not None and self.garage_seed is not None:
             raise ConfigError("DATA_CONFIG.GENERATE: expected PLAN or GARAGE_SEED, found both: a plan is one garage")
+        if self.plan is not None and self.mast is not None:
+            raise ConfigError("DATA_CONFIG.GENERATE: expected PLAN or MAST, found both: a plan has its own units")
         total = math.fsum(zone.share for zone in self.zones)
         if not math.isclose(total, 1.0, abs_tol=1e-8):
             raise ConfigError(f"SceneConfig.zones: expected shares that add up to 1, found a sum of {total}")

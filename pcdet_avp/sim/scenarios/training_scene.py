@@ -12,6 +12,7 @@ import numpy as np
 from pcdet_avp.sim.actors import Actor
 from pcdet_avp.sim.garage import GarageLayout
 from pcdet_avp.sim.layouts import draw_layout
+from pcdet_avp.sim.mast import draw_mast, under_ceiling
 from pcdet_avp.sim.plans.read import cached_plan
 from pcdet_avp.sim.render.lights import draw_lighting
 from pcdet_avp.sim.scenarios.cast import Cast
@@ -26,6 +27,7 @@ from pcdet_avp.sim.scenarios.plan_scene import draw_on_plan
 from pcdet_avp.sim.scenarios.traffic import draw_junction_route, draw_lane_route
 from pcdet_avp.sim.trajectories import Path, Route, Trajectory
 from pcdet_avp.sim.world import World
+from pcdet_avp.structures.roadside_unit import MountedUnit
 from pcdet_avp.structures.scene_config import EgoZone, SceneConfig
 
 
@@ -57,12 +59,21 @@ def draw_training_scene(rng: np.random.Generator, cfg: SceneConfig | None = None
     cfg = cfg or SceneConfig()
     if cfg.plan is not None:
         return TrainingScene(*draw_on_plan(rng, cfg, cached_plan(cfg.plan)))
-    layout = draw_layout(rng if cfg.garage_seed is None else np.random.default_rng(cfg.garage_seed), cfg.garage)
+    layout, unit = _draw_garage(rng if cfg.garage_seed is None else np.random.default_rng(cfg.garage_seed), cfg)
     times = np.arange(cfg.frames) * cfg.frame_interval_s
     zone = cfg.zones[rng.choice(len(cfg.zones), p=[zone.share for zone in cfg.zones])]
     ego = _draw_ego(rng, cfg, layout, zone, times[-1])
     actors = _GarageCast(rng, cfg, layout, ego, times).draw(zone)
-    return TrainingScene(World(layout, actors, draw_lighting(layout.lamps, rng)), ego, times)
+    return TrainingScene(World(layout, actors, draw_lighting(layout.lamps, rng), unit=unit), ego, times)
+
+
+def _draw_garage(rng: np.random.Generator, cfg: SceneConfig) -> tuple[GarageLayout, MountedUnit | None]:
+    """A building, and the roadside unit where ``cfg.mast`` draws it: from a stream of its own, so that all but unit and
+    ceiling is what it is without."""
+    if cfg.mast is None:
+        return draw_layout(rng, cfg.garage), None
+    unit = draw_mast(rng.spawn(1)[0], cfg.mast)
+    return draw_layout(rng, under_ceiling(cfg.garage, unit, cfg.mast)), unit
 
 
 def _draw_ego(rng, cfg: SceneConfig, layout: GarageLayout, zone: EgoZone, duration: float) -> Route:
