@@ -17,7 +17,7 @@ CFGS = Path(__file__).parents[3] / "cfgs" / "dataset_configs"
 ONE = load_config(CFGS / "avp_one_garage.yaml")
 
 
-def draw(number, generate=ONE.GENERATE, seed=3001):
+def draw(number, generate=ONE.GENERATE, seed=5001):
     rng = np.random.default_rng(np.random.SeedSequence([seed, number]))
     return draw_training_scene(rng, scene_config(generate))
 
