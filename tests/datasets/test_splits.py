@@ -1,5 +1,6 @@
 """DATA_CONFIG.SPLIT_BY: whole scenes by default, or every frame for itself as in the paper."""
 
+import copy
 from collections import Counter
 from itertools import chain
 from pathlib import Path
@@ -17,13 +18,13 @@ from pcdet_avp.engine.testing.run import BenchmarkResult
 from pcdet_avp.errors import ConfigError, RecordError
 from pcdet_avp.generate import plan
 
-CFGS = Path(__file__).parents[2] / "cfgs"
+ONE = load_config(Path(__file__).parents[2] / "cfgs" / "dataset_configs" / "avp_one_garage.yaml")
 CLASSES = ["Car", "Pedestrian"]
 
 
 @pytest.fixture
 def cfg():
-    return load_config(CFGS / "avp" / "cp_small_one_garage.yaml").DATA_CONFIG
+    return copy.deepcopy(ONE)
 
 
 def by_frame(manifest):

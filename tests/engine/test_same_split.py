@@ -11,12 +11,12 @@ from pcdet_avp.engine.same_split import check_same_split
 from pcdet_avp.errors import CheckpointError
 from pcdet_avp.generate import plan
 
-TINY = Path(__file__).parents[2] / "cfgs" / "dataset_configs" / "avp_tiny.yaml"
+TINY = load_config(Path(__file__).parents[2] / "cfgs" / "dataset_configs" / "avp_tiny.yaml")
 
 
 @pytest.fixture
 def cfg(tmp_path):
-    cfg = load_config(TINY)
+    cfg = copy.deepcopy(TINY)
     cfg.DATA_PATH = str(tmp_path)
     write_manifest(tmp_path, plan(cfg))
     return cfg

@@ -9,6 +9,7 @@ import pytest
 from pcdet_avp.config import load_config
 from pcdet_avp.config_check import check_values
 from pcdet_avp.config_scenes import scene_config
+from pcdet_avp.datasets.avp import transforms
 from pcdet_avp.datasets.avp.prepare import PrepareConfig, prepare
 from pcdet_avp.datasets.avp.record import read_frame
 from pcdet_avp.errors import ConfigError
@@ -162,6 +163,27 @@ def test_points_of_the_roadside_lie_in_the_labels_of_the_ego(frame, unit):
     origin = frame.infra.world_from_agent
     np.testing.assert_allclose(origin.translation, [0, unit.y_m, 0], atol=1e-9)
     assert np.cos(origin.yaw - unit.yaw_rad) == pytest.approx(1)
+
+
+def test_augmentation_keeps_both_agents_together(frame):
+    """Seen from the ego, the unit's cloud mirrors with the garage, and stays when the unit's frame turns."""
+    before, pixels = cloud_in_ego(frame), pixels_of_cloud(frame)
+    flipped, turned = transforms.flip(frame), transforms.rotate_agent(frame, "infra", 0.05)
+    np.testing.assert_allclose(cloud_in_ego(flipped), before * [1, -1, 1], atol=1e-4)
+    np.testing.assert_allclose(cloud_in_ego(turned), before, atol=1e-4)
+    np.testing.assert_allclose(pixels_of_cloud(flipped), pixels * [-1, 1] + [192, 0], atol=0.01)
+    np.testing.assert_allclose(pixels_of_cloud(turned), pixels, atol=0.01)
+    assert not np.allclose(turned.infra.points, frame.infra.points, atol=0.01)
+
+
+def cloud_in_ego(frame):
+    return frame.ego_from_infra.apply(frame.infra.points[:, :3].astype(float))
+
+
+def pixels_of_cloud(frame):
+    """Those of the points at least 2 m before the camera."""
+    uv, depth = frame.infra.camera.project(frame.infra.points[:, :3].astype(float))
+    return uv[depth > 2]
 
 
 @pytest.mark.parametrize(
