@@ -3,10 +3,10 @@
     python benchmarks/block_maps.py --cfg cfgs/avp/cp_small.yaml --ckpt weights/cp_small.pth --every 10
 
 Of every N-th frame of a split, in int8. First the bytes of the longest cells of a map, by their share, and how many
-maps ``--max_bytes`` cannot hold: training and tests without the wire know no bytes, and MAX_SHARE stands for them there.
+maps ``--max_bytes`` cannot hold: training and tests without the wire know no bytes, and MAX_SHARE stands for them.
 ``shortened``: vectors as a threshold that was learned for that share leaves them, less the length of the first vector
-that is dropped. Then the maps packed to exactly ``--max_bytes``: bytes by part, cells kept, how often the search encodes
-a map, and its processor time, one thread (median, 95 %).
+that is dropped. Then the maps packed to exactly ``--max_bytes``: bytes by part, cells kept, how often the search
+encodes a map, and its processor time, one thread (median, 95 %).
 """
 
 from __future__ import annotations
