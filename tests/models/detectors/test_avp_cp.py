@@ -1,6 +1,7 @@
 """The detector by itself: interface, presence, the link, losses, weights from files."""
 
 import logging
+from dataclasses import replace
 
 import pytest
 import torch
@@ -138,6 +139,23 @@ def test_a_checkpoint_of_another_configuration_names_the_first_shape(tiny, tmp_p
     torch.save({"model_state": tiny.network(BACKBONE_2D=wide.BACKBONE_2D).state_dict()}, path)
     with pytest.raises(CheckpointError, match=r"backbone_2d\.blocks\.0\.1\.weight has shape \(12, 4, 3, 3\)"):
         tiny.network().load_params_from_file(path, LOGGER)
+
+
+def test_further_training_begins_tensors_of_another_shape_anew_and_says_so(tiny, tmp_path, caplog):
+    path = tmp_path / "other.pth"
+    wide = tiny.config()
+    wide.BACKBONE_2D.NUM_FILTERS = [12, 16]
+    torch.save({"model_state": tiny.network(1, BACKBONE_2D=wide.BACKBONE_2D).state_dict()}, path)
+    theirs, fresh = torch.load(path)["model_state"], tiny.network(2).state_dict()
+    network = tiny.network(2)
+    network.meaning = replace(network.meaning, training=True)
+    network.load_params_from_file(path, LOGGER)
+    same_shape = {key for key in fresh if theirs[key].shape == fresh[key].shape}
+    assert "backbone_2d.blocks.0.1.weight" not in same_shape
+    for key, value in network.state_dict().items():
+        assert torch.equal(value, (theirs if key in same_shape else fresh)[key]), key
+    assert f"{len(fresh) - len(same_shape)} tensors are of another shape, not loaded: backbone_2d" in caplog.text
+    assert "missing" not in caplog.text
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.99])
