@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pcdet_avp.errors import ConfigError, PacketError
@@ -35,6 +35,7 @@ def kept_of(payloads):
     return decode(payloads).values.any(0)
 
 
+@settings(max_examples=30)
 @given(
     share=st.floats(0, 1),
     seed=st.integers(0, 99),
@@ -55,6 +56,7 @@ def test_no_map_exceeds_the_limit_and_one_of_constant_size_has_exactly_that(
     assert known.present.all()
 
 
+@settings(max_examples=40)
 @given(share=st.floats(0.05, 1), seed=st.integers(0, 99), precision=st.sampled_from(["float16", "int8"]))
 def test_the_longest_cells_are_kept_as_in_the_whole_map_and_one_more_would_not_fit(share, seed, precision):
     latent = drawn(share, seed)
@@ -82,6 +84,7 @@ def test_a_limit_that_does_not_bind_changes_no_byte(precision):
     assert MapSize(size_of(plain) - 1).pack(latent, STAMP, 300, precision) != plain
 
 
+@settings(max_examples=30)
 @given(share=st.floats(0, 0.3), precision=st.sampled_from(["float16", "int8"]), sender=SENDERS)
 def test_padding_changes_nothing_of_the_map(share, precision, sender):
     latent, stamp = drawn(share, shape=(4, 20, 15)), replace(STAMP, sender=sender)
