@@ -28,8 +28,8 @@ from pcdet_avp.errors import ConfigError
 
 BASE_KEY = "_BASE_CONFIG_"
 PATH_KEYS = ("DATA_PATH",)  # values that say where something lies, not what it is
-# Keys of DATA_CONFIG of later versions, at the value that means what earlier ones did without them.
-LATER_KEYS = {"ROADSIDE_UNIT": None, "SPLIT_BY": "scene"}
+# Keys of later versions, at the value that means what earlier ones did without them.
+LATER_KEYS = {"ROADSIDE_UNIT": None, "SPLIT_BY": "scene", "MAX_BYTES": None, "CONSTANT_SIZE": False}
 
 
 class _Loader(yaml.SafeLoader):
@@ -229,7 +229,7 @@ def config_hash(cfg: dict) -> str:
     """16 hexadecimal digits that change with any value, but not with key order or with where the data lie.
 
     Settings of generated scenes count where they differ from their defaults, whether or not they are written out;
-    those of registration only where it is on.
+    those of registration, and of the limit on a map's bytes, only where it is on.
     """
     text = json.dumps(_reduced(cfg), sort_keys=True, separators=(",", ":"), default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:16]

@@ -82,12 +82,11 @@ def check_config(cfg: Mapping, theirs: Mapping | None, path: str) -> None:
 
 
 def _complete(cfg: Mapping) -> dict[str, Any]:
-    """A configuration as plain values, with the keys of DATA_CONFIG that an older one lacks."""
+    """A configuration as plain values, with the keys of generated scenes that an older one lacks."""
     content = plain(cfg)
-    data = {**LATER_KEYS, **(content.get("DATA_CONFIG") or {})}
+    data = content.get("DATA_CONFIG") or {}
     if isinstance(data.get("GENERATE"), dict):
-        data["GENERATE"] = completed(data["GENERATE"])
-    content["DATA_CONFIG"] = data
+        content["DATA_CONFIG"] = {**data, "GENERATE": completed(data["GENERATE"])}
     return content
 
 
@@ -96,7 +95,8 @@ def _first_difference(ours: Any, theirs: Any, above: tuple[str, ...]) -> tuple[s
         path = ".".join(above)
         return None if ours == theirs or path in FREE_PATHS else (path, ours, theirs)
     for key in (k for k in ours | theirs if k not in FREE_KEYS):
-        difference = _first_difference(ours.get(key), theirs.get(key), (*above, key))
+        values = (side.get(key, LATER_KEYS.get(key)) for side in (ours, theirs))
+        difference = _first_difference(*values, (*above, key))
         if difference:
             return difference
     return None

@@ -9,6 +9,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from pcdet_avp.errors import ConfigError
+from pcdet_avp.link.map_size import MapSize
 from pcdet_avp.models.compression.rounding import PRECISIONS, round_to
 from pcdet_avp.models.compression.sparsify import CellThreshold
 from pcdet_avp.models.precision import full_precision
@@ -49,6 +50,10 @@ class MapCodec(nn.Module):
         weight = self.reduce.weight.flatten(1).double()
         return (x.double().permute(0, 2, 3, 1) @ weight.T).to(x.dtype).permute(0, 3, 1, 2)
 
+    def check(self, size: MapSize) -> None:
+        """ConfigError where not even an empty map could be sent within ``size``."""
+        size.check(self.reduce.out_channels, self.precision)
+
     def latent_shape(self, height: int, width: int) -> tuple[int, int, int]:
         """(C / 8, H / 2, W / 2) of a map of this many rows and columns."""
         return self.reduce.out_channels, height // self.pooling, width // self.pooling
@@ -68,6 +73,9 @@ class UncompressedMap(nn.Module):
 
     def __init__(self, model_cfg: Any, channels: int) -> None:
         super().__init__()
+
+    def check(self, size: MapSize) -> None:
+        """Nothing is wrong with any size: there are no bytes of such a map."""
 
     def compress(self, x: Tensor) -> tuple[Tensor, Tensor]:
         """As ``MapCodec.compress``."""

@@ -76,7 +76,12 @@ def test_a_run_of_a_time_before_the_scenes_settings_were_written_out_goes_on():
     cfg = load_config(Path(__file__).parents[3] / "cfgs" / "avp" / "cp_tiny.yaml")
     theirs = plain(cfg)
     del theirs["DATA_CONFIG"]["GENERATE"]["GARAGE"], theirs["DATA_CONFIG"]["GENERATE"]["SCENE"]
+    del theirs["DATA_CONFIG"]["SPLIT_BY"], theirs["MODEL"]["COMPRESSION"]["CONSTANT_SIZE"]  # keys that came later
     check_config(cfg, theirs, "a.pth")
+    by_frame = copy.deepcopy(cfg)
+    by_frame.DATA_CONFIG.SPLIT_BY = "frame"
+    with pytest.raises(CheckpointError, match=r"made with DATA_CONFIG\.SPLIT_BY 'scene', this run has 'frame'"):
+        check_config(by_frame, theirs, "a.pth")
     cfg.DATA_CONFIG.GENERATE.SCENE.IN_GAP = [0, 1]
     with pytest.raises(CheckpointError, match=r"made with DATA_CONFIG\.GENERATE\.SCENE\.IN_GAP \[3, 6\]"):
         check_config(cfg, theirs, "a.pth")
