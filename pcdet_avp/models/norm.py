@@ -81,6 +81,11 @@ class ScaleNorm(nn.Module):
         power = torch.linalg.vector_norm(full_precision(x), dim=(1, 2, 3)).square() / values
         return torch.rsqrt(power + self.eps)[:, None] * self.weight
 
+    def scale_of_rows(self, rows: Tensor) -> Tensor:
+        """(C,) as ``scale``, for one sample whose present cells are rows (n, C)."""
+        power = torch.linalg.vector_norm(full_precision(rows)).square() / max(rows.numel(), 1)
+        return torch.rsqrt(power + self.eps) * self.weight
+
     def scale_of(self, power: float, values: int) -> Tensor:
         """(C,) as ``scale``, for one sample whose present cells hold ``values`` numbers with this sum of squares."""
         return torch.rsqrt(self.weight.new_tensor(power / values) + self.eps) * self.weight
