@@ -40,7 +40,8 @@ def norm_relu(norm: nn.Module, x: Tensor, shortcut: Tensor | None = None) -> Ten
     convolution has just made."""
     if kernels.fits(norm, x, shortcut):
         return kernels.norm_relu(norm, x, shortcut)
-    return F.relu(norm(x) if shortcut is None else norm(x) + shortcut)
+    normalised = norm(x) if shortcut is None else norm(x) + shortcut
+    return F.relu(normalised, inplace=torch.is_grad_enabled())  # no norm needs its own result for its gradient
 
 
 class FrozenBatchNorm2d(nn.Module):

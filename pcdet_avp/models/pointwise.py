@@ -8,21 +8,27 @@ from __future__ import annotations
 
 import torch
 from torch import Tensor, nn
+from torch.autograd.function import once_differentiable
 from torch.nn import functional as F
 
 from pcdet_avp.models.cpu_kernels.dispatch import usable_in_training
 
 
 class PointwiseConv2d(nn.Conv2d):
-    """``nn.Conv2d`` of kernel 1 without padding."""
+    """``nn.Conv2d`` of kernel 1 without padding; ``cells_last``: ``convolve_to_cells_last``, with stride 1."""
 
-    def __init__(self, inputs: int, outputs: int, stride: int = 1, bias: bool = True) -> None:
+    def __init__(
+        self, inputs: int, outputs: int, stride: int = 1, bias: bool = True, *, cells_last: bool = False
+    ) -> None:
         super().__init__(inputs, outputs, 1, stride, bias=bias)
+        self.cells_last = cells_last
 
     def forward(self, x: Tensor) -> Tensor:
         """(B, C, H, W) -> (B, outputs, H', W')."""
         if not usable_in_training(x, self.weight):
             return super().forward(x)
+        if self.cells_last:
+            return convolve_to_cells_last(x, self.weight, self.bias)
         rows, columns = self.stride
         return pointwise(x[:, :, ::rows, ::columns], self.weight, self.bias)
 
@@ -40,9 +46,33 @@ class PointwiseConvTranspose2d(nn.ConvTranspose2d):
         return pointwise(x, self.weight.transpose(0, 1), None)
 
 
-def convolve(x: Tensor, weight: Tensor, bias: Tensor | None) -> Tensor:
-    """``F.conv2d`` with a weight (outputs, C, 1, 1)."""
-    return pointwise(x, weight, bias) if usable_in_training(x, weight) else F.conv2d(x, weight, bias)
+def convolve_to_cells_last(x: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
+    """``F.conv2d`` with a weight (outputs, C, 1, 1) and bias (outputs,).
+
+    In training on a CPU the result lies channels last in memory, whatever x does, without a copy of either: for losses
+    and distributions, which look at one cell's channels at a time.
+    """
+    if not usable_in_training(x, weight):
+        return F.conv2d(x, weight, bias)
+    return _ToCellsLast.apply(x, weight.flatten(1), bias) if x.is_contiguous() else pointwise(x, weight, bias)
+
+
+class _ToCellsLast(torch.autograd.Function):
+    """x (B, C, H, W), contiguous; matrix (outputs, C); bias (outputs,) -> (B, outputs, H, W), channels last."""
+
+    @staticmethod
+    def forward(ctx, x: Tensor, matrix: Tensor, bias: Tensor) -> Tensor:
+        ctx.save_for_backward(x, matrix)
+        rows = torch.baddbmm(bias, x.flatten(2).mT, matrix.T.expand(len(x), -1, -1))
+        return rows.unflatten(1, x.shape[2:]).permute(0, 3, 1, 2)
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx, grad: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        x, matrix = ctx.saved_tensors
+        rows = grad.permute(0, 2, 3, 1).flatten(1, 2)  # (B, H * W, outputs)
+        d_x = torch.bmm(matrix.T.expand(len(x), -1, -1), rows.mT).view_as(x)
+        return d_x, torch.bmm(rows.mT, x.flatten(2).mT).sum(0), rows.sum((0, 1))
 
 
 def pointwise(x: Tensor, weight: Tensor, bias: Tensor | None) -> Tensor:

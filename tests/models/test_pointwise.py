@@ -7,7 +7,7 @@ from torch.nn import functional as F
 
 from pcdet_avp.models import pointwise as module
 from pcdet_avp.models.cpu_kernels.dispatch import plain_operations
-from pcdet_avp.models.pointwise import PointwiseConv2d, PointwiseConvTranspose2d, convolve
+from pcdet_avp.models.pointwise import PointwiseConv2d, PointwiseConvTranspose2d, convolve_to_cells_last
 
 
 def image(layout=torch.contiguous_format):
@@ -39,6 +39,14 @@ def test_equals_the_convolution(stride, bias, layout):
 
 
 @pytest.mark.parametrize("layout", [torch.contiguous_format, torch.channels_last])
+def test_cells_last_equals_the_convolution(layout):
+    torch.manual_seed(0)
+    layer = PointwiseConv2d(6, 4, cells_last=True)
+    compare(layer, nn.Conv2d(6, 4, 1), image(layout))
+    assert layer(image(layout)).permute(0, 2, 3, 1).is_contiguous()
+
+
+@pytest.mark.parametrize("layout", [torch.contiguous_format, torch.channels_last])
 def test_equals_the_transposed_convolution(layout):
     torch.manual_seed(0)
     compare(PointwiseConvTranspose2d(6, 4), nn.ConvTranspose2d(6, 4, 1, bias=False), image(layout))
@@ -49,7 +57,7 @@ def test_without_gradients_it_is_the_convolution_to_the_bit(monkeypatch):
     layer, x = PointwiseConv2d(6, 4), image()
     with torch.no_grad():
         assert torch.equal(layer(x), F.conv2d(x, layer.weight, layer.bias))
-        assert torch.equal(convolve(x, layer.weight, None), F.conv2d(x, layer.weight))
+        assert torch.equal(convolve_to_cells_last(x, layer.weight, layer.bias), layer(x))
         assert not PointwiseConvTranspose2d(6, 4)(x * 0).any()
     with plain_operations():
         layer(x)
