@@ -15,7 +15,7 @@ from pcdet_avp.models.compression.rounding import PRECISIONS, round_to
 from pcdet_avp.models.compression.sparsify import CellThreshold
 from pcdet_avp.models.cpu_kernels.dispatch import usable_in_training
 from pcdet_avp.models.pointwise import pointwise
-from pcdet_avp.models.precision import full_precision
+from pcdet_avp.models.precision import full_precision, without_autocast
 
 
 class MapCodec(nn.Module):
@@ -82,6 +82,7 @@ class _Reduce(torch.autograd.Function):
 
     @staticmethod
     @once_differentiable
+    @without_autocast
     def backward(ctx, grad: Tensor) -> tuple[Tensor, Tensor]:
         x, weight = ctx.saved_tensors
         grads, cells = (t.permute(0, 2, 3, 1).flatten(0, 2) for t in (grad, x))

@@ -1,4 +1,4 @@
-"""The attention's kernels against torch's operations, the formula that gradients go through."""
+"""The attention's kernels against torch's operations: answers, and gradients."""
 
 import pytest
 import torch

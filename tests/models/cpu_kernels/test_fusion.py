@@ -1,4 +1,4 @@
-"""AdaFusion's kernels against torch's operations, the formula that gradients go through."""
+"""AdaFusion's kernels against torch's operations: answers, and gradients."""
 
 import copy
 import itertools

@@ -1,4 +1,4 @@
-"""The warp's kernel against torch's operations, the formula that gradients go through."""
+"""The warp's kernel against torch's operations: answers, and gradients."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The frustum's kernel against torch's operations, the formula that gradients go through."""
+"""The frustum's kernel against torch's operations: answers, and gradients."""
 
 import math
 
