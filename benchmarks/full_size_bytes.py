@@ -30,6 +30,7 @@ from pcdet_avp.datasets.avp.network_input import NetworkInput
 from pcdet_avp.datasets.avp.prepare import PrepareConfig, prepare
 from pcdet_avp.generate import plan, scene_config
 from pcdet_avp.link import NrV2xConfig
+from pcdet_avp.link.map_size import MapSize
 from pcdet_avp.link.nr_v2x import BYTES_PER_SLOT
 from pcdet_avp.link.precision import PRECISIONS
 from pcdet_avp.models import build_network
@@ -76,7 +77,7 @@ def print_table(latents: list[dict[str, Tensor]], budget: int, room: int) -> Non
     print(f"{'':34}{'map':8}" + "".join(f"{name:>10}" for name in head))
     ways = {f"{p}, as the network makes it": Transmission(p) for p in PRECISIONS}
     ways |= {
-        f"{p}, at most {b:,} B": Transmission(p, budget_bytes=b)
+        f"{p}, at most {b:,} B": Transmission(p, size=MapSize(b))
         for p, b in (("float16", budget), ("int8", budget // 2))
     }
     for label, way in ways.items():

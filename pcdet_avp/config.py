@@ -28,7 +28,8 @@ from pcdet_avp.errors import ConfigError
 
 BASE_KEY = "_BASE_CONFIG_"
 PATH_KEYS = ("DATA_PATH",)  # values that say where something lies, not what it is
-UNSET_KEYS = ("ROADSIDE_UNIT",)  # keys of later versions, whose null means what earlier ones did without them
+# Keys of later versions, whose null means what earlier ones did without them.
+UNSET_KEYS = ("ROADSIDE_UNIT", "MAX_BYTES")
 
 
 class _Loader(yaml.SafeLoader):
@@ -228,7 +229,7 @@ def config_hash(cfg: dict) -> str:
     """16 hexadecimal digits that change with any value, but not with key order or with where the data lie.
 
     Settings of generated scenes count where they differ from their defaults, whether or not they are written out;
-    those of registration only where it is on.
+    those of registration, and of the limit on a map's bytes, only where it is on.
     """
     text = json.dumps(_reduced(cfg), sort_keys=True, separators=(",", ":"), default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
@@ -239,6 +240,7 @@ def _reduced(value: Any, key: str = "") -> Any:
         value = without_defaults(value) if key == "GENERATE" else value
         unset = {k for k in UNSET_KEYS if value.get(k) is None}
         unset |= {k for k in ("REGISTRATION",) if not (value.get(k) or {}).get("ENABLED")}
+        unset |= {k for k in ("CONSTANT_SIZE",) if value.get(k) is False}
         return {k: _reduced(v, k) for k, v in value.items() if k not in PATH_KEYS and k not in unset}
     if isinstance(value, list | tuple):
         return [_reduced(v) for v in value]

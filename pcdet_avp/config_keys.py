@@ -140,6 +140,7 @@ CODEC = {
     "LOSS_WEIGHT": FROM_0,
     "INITIAL_LENGTH": POSITIVE,
 }
+ON_THE_AIR = {"MAX_BYTES": COUNT.or_null(), "CONSTANT_SIZE": FLAG}
 SECTIONS: dict[str, dict[str, Rule]] = {
     "CAMERA_ENCODER.IMAGE_BACKBONE": {
         **NORM,
@@ -179,7 +180,7 @@ SECTIONS: dict[str, dict[str, Rule]] = {
     },
     "LIDAR_ENCODER.MAP_TO_BEV": {"NAME": TEXT},
     "LIDAR_ENCODER.ATTENTION": ATTENTION,
-    "COMPRESSION": CODEC,
+    "COMPRESSION": {**CODEC, **ON_THE_AIR},
     "FUSER": {"NAME": TEXT, "ORIGINAL_FORM": FLAG},
     "BACKBONE_2D": {
         **NORM,

@@ -175,6 +175,15 @@ def test_the_hash_follows_values_not_order_nor_place(write):
     assert config_hash(apply_overrides(other, ["B.C.1", "3"])) != config_hash(one)
 
 
+def test_a_limit_on_bytes_counts_only_where_there_is_one():
+    codec = {"NAME": "BevCodec"}
+    unlimited = config_hash({"COMPRESSION": codec | {"MAX_BYTES": None, "CONSTANT_SIZE": False}})
+    assert unlimited == config_hash({"COMPRESSION": codec})
+    limited = config_hash({"COMPRESSION": codec | {"MAX_BYTES": 1475, "CONSTANT_SIZE": False}})
+    filled = config_hash({"COMPRESSION": codec | {"MAX_BYTES": 1475, "CONSTANT_SIZE": True}})
+    assert len({unlimited, limited, filled}) == 3
+
+
 values = st.recursive(
     st.none() | st.booleans() | st.integers(-9, 9) | st.floats(allow_nan=False) | st.text("ab", max_size=3),
     lambda inner: (

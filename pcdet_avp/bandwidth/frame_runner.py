@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
@@ -156,10 +156,11 @@ class _Frame:
         return self.batch["ego_from_infra"].new_tensor(error.matrix) @ self.batch["ego_from_infra"]
 
     def blocks(self, transmission: Transmission) -> dict[int, dict[str, int]]:
-        """Transport blocks of every map, by MCS."""
+        """Transport blocks of every map, by MCS; without padding where a map of constant size is no single block."""
         rooms = {mcs: NrV2xConfig(mcs=mcs).max_segment_bytes for mcs in BYTES_PER_SLOT}
+        ways = {mcs: replace(transmission, size=transmission.size.in_segments(room)) for mcs, room in rooms.items()}
         return {
-            mcs: {s: len(segments_of(x, modality_of(s), transmission, room)) for s, x in self.sparsified.items()}
+            mcs: {s: len(segments_of(x, modality_of(s), ways[mcs], room)) for s, x in self.sparsified.items()}
             for mcs, room in rooms.items()
         }
 

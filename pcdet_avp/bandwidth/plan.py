@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pcdet_avp.errors import ConfigError
+from pcdet_avp.link.map_size import UNLIMITED, MapSize
 from pcdet_avp.link.precision import PRECISIONS
 
 STUDIES = ("codec", "budget", "loss", "pose", "objects")
@@ -23,7 +24,7 @@ class Transmission:
 
     precision: str | None
     sparsified: bool = True  # False: with the cells that the trained threshold would drop
-    budget_bytes: int | None = None
+    size: MapSize = UNLIMITED
     loss: float = 0.0  # of every transport block
 
 
@@ -49,45 +50,49 @@ UNCODED_BOXES = StudyPoint("objects", "boxes, not quantised", objects=True, code
 BOXES = StudyPoint("objects", "boxes (late fusion)", objects=True)
 
 
-def reference(precision: str) -> StudyPoint:
-    """What the network sends as it was trained: everything else is held against it."""
-    return StudyPoint("reference", f"{precision}, as trained", Transmission(precision))
+def reference(precision: str, size: MapSize) -> StudyPoint:
+    """What the network sends as it was trained and configured: everything else is held against it."""
+    return StudyPoint("reference", f"{precision}, as trained", Transmission(precision, size=size))
 
 
-def make_plan(studies: Sequence[str], precision: str, budget_bytes: int) -> list[StudyPoint]:
-    """The points of the studies, the two references first."""
+def make_plan(studies: Sequence[str], precision: str, budget_bytes: int, size: MapSize = UNLIMITED) -> list[StudyPoint]:
+    """The points of the studies, the two references first. ``size``: what MODEL.COMPRESSION allows a map."""
+    as_trained = reference(precision, size)
     unknown = [name for name in studies if name not in STUDIES]
     if unknown or not studies:
         raise ConfigError(f"--studies: expected some of {', '.join(STUDIES)}, found {', '.join(studies) or 'none'}")
     of_study = {
-        "codec": _codec(precision),
+        "codec": _codec(precision, size),
         "budget": _budgets(budget_bytes),
-        "loss": [StudyPoint("loss", f"{100 * p:g} % lost", Transmission(precision, loss=p)) for p in LOSSES],
-        "pose": _poses(precision),
+        "loss": [StudyPoint("loss", f"{100 * p:g} % lost", Transmission(precision, size=size, loss=p)) for p in LOSSES],
+        "pose": _poses(as_trained.transmission),
         "objects": [UNCODED_BOXES, BOXES],
     }
-    return [ALONE, reference(precision), *(point for name in STUDIES if name in studies for point in of_study[name])]
+    return [ALONE, as_trained, *(point for name in STUDIES if name in studies for point in of_study[name])]
 
 
-def _codec(precision: str) -> list[StudyPoint]:
+def _codec(precision: str, size: MapSize) -> list[StudyPoint]:
     others = [name for name in PRECISIONS if name != precision]
+    limited = size.max_bytes is not None
     return [
         StudyPoint("codec", "not thinned, not rounded", Transmission(None, sparsified=False)),
         StudyPoint("codec", "thinned, not rounded", Transmission(None)),
+        *([StudyPoint("codec", f"{precision}, no limit on bytes", Transmission(precision))] if limited else []),
         *(StudyPoint("codec", f"{name}, not trained for", Transmission(name)) for name in others),
     ]
 
 
 def _budgets(budget_bytes: int) -> list[StudyPoint]:
     return [
-        StudyPoint("budget", f"{name}, {budget_bytes // part} B", Transmission(name, budget_bytes=budget_bytes // part))
+        StudyPoint(
+            "budget", f"{name}, {budget_bytes // part} B", Transmission(name, size=MapSize(budget_bytes // part))
+        )
         for name in PRECISIONS
         for part in BUDGET_PARTS
     ]
 
 
-def _poses(precision: str) -> list[StudyPoint]:
-    sent = Transmission(precision)
+def _poses(sent: Transmission | None) -> list[StudyPoint]:
     return [
         *(StudyPoint("pose", f"{std:g} m", sent, position_std_m=std) for std in POSITION_STDS_M),
         *(StudyPoint("pose", f"{std:g} deg", sent, yaw_std_deg=std) for std in YAW_STDS_DEG),

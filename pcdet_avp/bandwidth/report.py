@@ -35,6 +35,7 @@ def make_content(
     rows = point_rows(study, evaluator)
     about = {"split": dataset.split, "frames": len(study.chosen), "every": options.every, "mcs": options.mcs}
     about |= {"precision": study.precision, "latent_shape": study.latent_shape, "budget_bytes": study.budget_bytes}
+    about |= {"max_bytes": study.size.max_bytes, "constant_size": study.size.constant}
     return {
         "meta": {**meta, **about, "study_seed": options.seed},
         "config": meta["config"],
@@ -79,11 +80,20 @@ def _about(content: Mapping) -> str:
         f"Checkpoint {meta['checkpoint']} (weights {meta['weights_hash']}), {meta['frames']} frames of split",
         f"{meta['split']}. A map on the air is {c} x {h} x {w}, {2 * c * h * w:,} B dense in float16; the budget is",
         f"{meta['budget_bytes']:,} B a map. Segments are cut for MCS {meta['mcs']}.",
+        *_limit(meta),
         f"AP is 3D AP (%, R40) at the strict/loose IoU ({overlaps}), all difficulties,",
         f"region {_first_region(content)}; in brackets the difference at the strict IoU and its 95 % interval, paired",
         "over scenes.",
     ]
     return "\n".join(lines)
+
+
+def _limit(meta: Mapping) -> list[str]:
+    """What MODEL.COMPRESSION says of the bytes of a map on the air."""
+    if meta.get("max_bytes") is None:
+        return []
+    filled = ", and filled up to that size where one block carries it" if meta["constant_size"] else ""
+    return [f"As trained, a map is held to {meta['max_bytes']:,} B by dropping its shortest cells{filled}."]
 
 
 def _first_region(content: Mapping) -> str:

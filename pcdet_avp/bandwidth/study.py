@@ -20,6 +20,8 @@ from pcdet_avp.engine.distributed import Ranks
 from pcdet_avp.engine.loader import batches
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.link.cpm import CLASSES
+from pcdet_avp.link.map_size import MapSize
+from pcdet_avp.link.nr_v2x import NrV2xConfig
 from pcdet_avp.models.compression.map_packets import precisions
 from pcdet_avp.models.detectors.split_inference import latent_shape
 from pcdet_avp.provenance import git_commit
@@ -59,6 +61,7 @@ class Study:
     precision: str
     budget_bytes: int
     latent_shape: tuple[int, int, int]
+    size: MapSize  # of a map as trained
 
 
 def choose_frames(frame_ids: Sequence[str], every: int, frames: int | None) -> list[int]:
@@ -87,7 +90,9 @@ def run_study(
     """Every chosen frame through every point; parts of an earlier, interrupted run of the same study are used."""
     precision, shape = precision_of(model), latent_shape(model)
     budget = paper_budget_bytes(shape) if options.budget_bytes is None else options.budget_bytes
-    points = make_plan(options.studies, precision, budget)
+    size = model.codec.map_size
+    size.check_segments(NrV2xConfig(mcs=options.mcs).max_segment_bytes)
+    points = make_plan(options.studies, precision, budget, size)
     check_message_classes(points, dataset.class_names)
     chosen = choose_frames(dataset.frame_ids, options.every, options.frames)
     key = _key(config_hash(cfg), weights, git_commit(), points, options.combos, options.mcs, options.seed)
@@ -100,7 +105,7 @@ def run_study(
     for index, result in _computed(runner, dataset, missing, len(chosen), ranks, workers):
         parts.save(dataset.frame_ids[index], result)
         held[index] = parts.load(dataset.frame_ids[index])
-    return Study(options, points, chosen, [held[index] for index in chosen], precision, budget, shape)
+    return Study(options, points, chosen, [held[index] for index in chosen], precision, budget, shape, size)
 
 
 def check_message_classes(points: Sequence[StudyPoint], class_names: Sequence[str]) -> None:

@@ -70,7 +70,7 @@ def transmit(
 def segments_of(latent: Tensor, modality: str, transmission: Transmission, max_segment_bytes: int) -> list[bytes]:
     """The segments of one map (c, h, w); frames of a study have no clock and no pose of their own."""
     stamp = MapStamp(0, 0, modality, 0.0, 0.0, 0.0)
-    return to_segments(latent, stamp, max_segment_bytes, transmission.precision, transmission.budget_bytes)
+    return to_segments(latent, stamp, max_segment_bytes, transmission.precision, transmission.size)
 
 
 def sent_of(payloads: list[bytes]) -> Sent:

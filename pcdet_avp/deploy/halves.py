@@ -17,8 +17,8 @@ from pcdet_avp.deploy.manifest import Exported
 from pcdet_avp.deploy.network import Network, Suppression
 from pcdet_avp.deploy.runtime import Arrays, Graph, Runtime
 from pcdet_avp.errors import SensorError
-from pcdet_avp.link import LatentMap, MapStamp, encode
-from pcdet_avp.link.rate_control import encode_within
+from pcdet_avp.link import LatentMap, MapStamp
+from pcdet_avp.link.map_size import MapSize
 from pcdet_avp.link.units import by_source
 from pcdet_avp.registration import Registrar, RegistrationSettings, SteadyCorrection
 from pcdet_avp.registration.registrar import OWN, SENT
@@ -96,13 +96,14 @@ class RoadsideHalf:
     """Sensors to segments: encoders, compressor, packer."""
 
     def __init__(
-        self, exported: Exported, runtime: Runtime, max_segment_bytes: int, budget_bytes: int | None = None
+        self, exported: Exported, runtime: Runtime, max_segment_bytes: int, map_size: MapSize | None = None
     ) -> None:
-        """``budget_bytes``: what a map may take, everything counted; None: as many as it has."""
+        """``map_size``: what a map may take, in place of what was exported."""
         self.stages: Stages = untimed  # what each stage's work runs in
         self._network, self._graphs = exported.network, Graphs(exported, runtime, "roadside")
         self._encoders = Encoders(self._graphs, self._network, "infra")
-        self._max_segment_bytes, self._budget_bytes = max_segment_bytes, budget_bytes
+        self._max_segment_bytes, self._size = max_segment_bytes, map_size or self._network.map_size
+        self._size.check_segments(max_segment_bytes)
 
     def latents(self, sample: Sample) -> dict[str, np.ndarray]:
         """By source, the compressed map (c, h, w) of each roadside sensor that the sample has."""
@@ -121,9 +122,7 @@ class RoadsideHalf:
     def pack(self, latent: np.ndarray, stamp: MapStamp) -> list[bytes]:
         """Segments of a map (c, h, w)."""
         precision = self._network.latent_precision[stamp.modality]
-        if self._budget_bytes is None:
-            return encode(latent, stamp, self._max_segment_bytes, precision)
-        return encode_within(latent, stamp, self._max_segment_bytes, precision, self._budget_bytes)
+        return self._size.pack(latent, stamp, self._max_segment_bytes, precision)
 
     def segments(
         self, sample: Sample, frame_id: int, time_us: int, world_from_infra: Pose, sender: int = 0

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from pcdet_avp.link.map_size import UNLIMITED, MapSize
 from pcdet_avp.structures.bev_grid import BevGrid
 
 
@@ -80,7 +81,8 @@ class Suppression:
 
 @dataclass(frozen=True)
 class Network:
-    """``latent_shape`` (c, h, w) and ``latent_precision`` are those of a map on the air, ``pooling`` its coarsening."""
+    """``latent_shape`` (c, h, w) and ``latent_precision`` are those of a map on the air, ``pooling`` its coarsening,
+    ``map_size`` the limit on its bytes."""
 
     class_names: tuple[str, ...]
     point_cloud_range: tuple[float, ...]
@@ -93,6 +95,7 @@ class Network:
     pillars: PillarInput
     head: Head
     suppression: Suppression
+    map_size: MapSize = UNLIMITED
 
     @property
     def grid(self) -> BevGrid:
@@ -127,5 +130,6 @@ class Network:
                 suppression["pre_max"],
                 suppression["post_max"],
             ),
+            "map_size": MapSize(**content.get("map_size", {})),  # not in exports of before there was a limit
         }
         return cls(**{**content, **made})

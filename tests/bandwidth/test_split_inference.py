@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from pcdet_avp.errors import ConfigError
-from pcdet_avp.link import MapStamp, Receiver, decode, encode
+from pcdet_avp.link import MapSize, MapStamp, Receiver, decode, encode
 from pcdet_avp.models.compression import NoCompression
 from pcdet_avp.models.detectors.split_inference import RoadsideHalf, VehicleHalf, latent_shape
 from pcdet_avp.structures.pose import Pose
@@ -67,6 +67,19 @@ def test_without_maps_the_vehicle_is_alone(network, batch_of, poses):
 def test_the_budget_holds_for_each_map(network, batch_of, poses):
     maps = received(network, batch_of(0, "CL+CL"), poses[1], 500)
     assert all(0 < known.values.any(0).sum() < known.present.size for known in maps)
+
+
+def test_maps_of_constant_size_are_one_packet_each_that_the_vehicle_reads(network, batch_of, poses, monkeypatch):
+    monkeypatch.setattr(network.codec, "map_size", MapSize(500, constant=True))
+    half, receiver = RoadsideHalf(network, 700), Receiver(latent_shape(network))
+    for (payload,) in half.segments(batch_of(0, "CL+CL"), 7, 350_000, poses[1], sender=3).values():
+        assert len(payload) == 500
+        assert receiver.push(payload)
+    maps = receiver.take_all(now_us=0)
+    assert [(known.stamp.modality, known.stamp.sender) for known in maps] == [("camera", 3), ("lidar", 3)]
+    assert all(known.present.all() and known.values.any() for known in maps)
+    with pytest.raises(ConfigError, match=r"CONSTANT_SIZE: expected MAX_BYTES of 400 or less"):
+        RoadsideHalf(network, 400)
 
 
 def test_a_network_without_compression_has_no_halves():

@@ -9,11 +9,12 @@ from pcdet_avp.bandwidth import ages
 from pcdet_avp.bandwidth.ages import PERIOD_S, age_rows
 from pcdet_avp.bandwidth.frame_runner import FrameResult
 from pcdet_avp.bandwidth.parts import Parts
-from pcdet_avp.bandwidth.plan import STUDIES, make_plan, paper_budget_bytes
+from pcdet_avp.bandwidth.plan import STUDIES, Transmission, make_plan, paper_budget_bytes
 from pcdet_avp.bandwidth.rows import held_against
 from pcdet_avp.bandwidth.study import StudyOptions, check_message_classes, choose_frames, precision_of
-from pcdet_avp.bandwidth.transmit import Sent
+from pcdet_avp.bandwidth.transmit import Sent, segments_of, sent_of
 from pcdet_avp.errors import ConfigError
+from pcdet_avp.link.map_size import UNLIMITED, MapSize
 from pcdet_avp.models.compression import NoCompression
 
 
@@ -40,6 +41,29 @@ def test_labels_are_unique_and_held_against_the_right_one():
     few = make_plan(["budget"], "int8", 9000)
     assert held_against(few, few[2]) == "int8, as trained"
     assert held_against(few, few[1]) is None
+
+
+def test_a_limit_on_bytes_holds_for_all_but_what_is_studied_without_it():
+    block = MapSize(1475, constant=True)
+    points = {p.label: p for p in make_plan(STUDIES, "int8", 9000, block)}
+    for label in ("int8, as trained", "5 % lost", "0.5 m"):
+        assert points[label].transmission.size == block
+    assert points["int8, no limit on bytes"].transmission == Transmission("int8")
+    assert held_against(list(points.values()), points["int8, as trained"]) == "not thinned, not rounded"
+    assert points["int8, 1125 B"].transmission.size == MapSize(1125)
+    assert "int8, no limit on bytes" not in {p.label for p in make_plan(STUDIES, "int8", 9000)}
+
+
+def test_padding_is_counted():
+    latent = torch.zeros(4, 12, 10)
+    latent[:, 3, 4] = 1.0
+    sizes = {}
+    for size in (UNLIMITED, MapSize(1475), MapSize(1475, constant=True)):
+        sent = sent_of(segments_of(latent, "lidar", Transmission("int8", size=size), 1475))
+        assert (sent.blocks, sent.occupied) == (1, pytest.approx(1 / 120))
+        sizes[size] = sent.bytes
+    assert sizes[UNLIMITED] == sizes[MapSize(1475)] < 80
+    assert sizes[MapSize(1475, constant=True)] == 1475
 
 
 @pytest.mark.parametrize("options", [{"every": 0}, {"frames": 0}, {"combos": ("CL+none",)}])

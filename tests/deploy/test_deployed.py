@@ -1,5 +1,7 @@
 """Both halves without torch, beside those in torch, on generated frames."""
 
+import copy
+
 import numpy as np
 import pytest
 import torch
@@ -7,9 +9,10 @@ import torch
 from pcdet_avp.datasets.avp.collate import collate, load_batch
 from pcdet_avp.datasets.avp.prepare import prepare
 from pcdet_avp.deploy.runtime import open_runtime
-from pcdet_avp.errors import SensorError
+from pcdet_avp.errors import ConfigError, SensorError
 from pcdet_avp.link import MapStamp, Receiver, decode
-from pcdet_avp.models.compression.map_packets import to_segments
+from pcdet_avp.link.map_size import UNLIMITED, MapSize
+from pcdet_avp.models.compression.map_packets import MapPacker, to_segments
 from pcdet_avp.models.detectors.split_inference import RoadsideHalf, VehicleHalf
 from pcdet_avp.models.export.opened import open_deployed
 from pcdet_avp.structures.sensor_set import INFRA_SOURCES, SensorSet
@@ -53,6 +56,26 @@ def test_the_same_map_gives_torchs_bytes(to_export, exported, frames):
         assert ours == theirs
         sent += int((latent.values != 0).sum())
     assert sent > 100
+
+
+def test_a_limit_on_bytes_is_the_configurations_and_holds_as_in_torch(to_export, exported, monkeypatch):
+    pytest.importorskip("onnxruntime")
+    cfg, size = copy.deepcopy(to_export.cfg), MapSize(300, constant=True)
+    cfg.MODEL.COMPRESSION.update(MAX_BYTES=300, CONSTANT_SIZE=True)
+    deployed = open_deployed(exported, "onnxruntime", cfg, threads=1)
+    assert deployed.exported.network.map_size == UNLIMITED
+    monkeypatch.setattr(to_export.network.codec, "map_size", size)
+    stamp, latent = MapStamp(7, 0, "lidar", 0.0, 0.0, 0.0), torch.randn(*deployed.exported.network.latent_shape)
+    for budget, expected in ((None, 300), (72_000, 300), (200, 200)):
+        (ours,) = deployed.roadside(SEGMENT_BYTES, budget).pack(latent.numpy(), stamp)
+        (theirs,) = MapPacker(to_export.network.codec, SEGMENT_BYTES, "a test", budget).pack(latent, stamp)
+        assert ours == theirs
+        assert len(ours) == expected
+    with pytest.raises(ConfigError, match=r"CONSTANT_SIZE: expected MAX_BYTES of 299 or less"):
+        deployed.roadside(299)
+    cfg.MODEL.COMPRESSION.MAX_BYTES = 20
+    with pytest.raises(ConfigError, match=r"MAX_BYTES: expected \d+ or more, .*found 20"):
+        open_deployed(exported, "onnxruntime", cfg, threads=1)
 
 
 def test_the_whole_roadside_half_sends_nearly_torchs_map(to_export, halves, in_torch, frames):

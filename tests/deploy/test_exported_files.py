@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 
 import pytest
 
@@ -9,6 +10,7 @@ from pcdet_avp.deploy import runtime
 from pcdet_avp.deploy.manifest import MANIFEST, Exported
 from pcdet_avp.deploy.network import Network
 from pcdet_avp.errors import ExportError, OutputError
+from pcdet_avp.link.map_size import MapSize
 from pcdet_avp.models.export import write
 from pcdet_avp.models.export.opened import open_deployed
 
@@ -41,6 +43,11 @@ def test_the_manifest_says_what_the_weights_mean(exported, to_export):
 def test_what_the_graphs_leave_open_survives_json(exported):
     network = Exported.read(exported).network
     assert Network.from_json(json.loads(json.dumps(network.as_json()))) == network
+    limited = replace(network, map_size=MapSize(1475, constant=True))
+    content = json.loads(json.dumps(limited.as_json()))
+    assert Network.from_json(content) == limited
+    del content["map_size"]  # exported before there was a limit
+    assert Network.from_json(content) == network
 
 
 def test_graphs_are_standard_onnx_with_any_number_of_points(exported):

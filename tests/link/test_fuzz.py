@@ -19,6 +19,7 @@ from pcdet_avp.errors import PacketError
 from pcdet_avp.link import MapStamp, Receiver, decode, encode
 from pcdet_avp.link.packet import decode_segment
 from pcdet_avp.link.precision import from_codes
+from pcdet_avp.link.segment import seal, unseal
 
 STAMP = MapStamp(frame_id=7, time_us=350_000, modality="lidar", x_m=12.5, y_m=-3.25, yaw_rad=0.5)
 OF_ANOTHER = replace(STAMP, sender=300)  # written as version 2
@@ -34,7 +35,8 @@ def good_payloads():
     rng = np.random.default_rng(0)
     smooth = np.cumsum(rng.normal(size=(8, 20, 30)), axis=2) * (rng.random((20, 30)) < 0.4)
     kinds = itertools.product((STAMP, OF_ANOTHER), ("float16", "int8"))
-    return [p for stamp, precision in kinds for p in encode(smooth, stamp, 700, precision)]
+    plain = [p for stamp, precision in kinds for p in encode(smooth, stamp, 700, precision)]
+    return [*plain, *(seal(*unseal(p), size=720) for p in plain)]
 
 
 def flip_bits(payload, other, rng):
@@ -62,7 +64,7 @@ def random_body(payload, other, rng):
 
 
 def foreign_version(payload, other, rng):
-    return payload[:2] + bytes([rng.integers(3, 256)]) + payload[3:]
+    return payload[:2] + bytes([rng.integers(4, 256)]) + payload[3:]
 
 
 def huge_header(payload, other, rng):
@@ -166,7 +168,7 @@ def test_every_change_without_a_new_checksum_is_noticed(data):
     ("offset", "replacement", "message"),
     [
         (0, b"PK", "magic"),
-        (2, b"\x03", "version 1 or 2, found 3"),
+        (2, b"\x04", "version 1 to 3, found 4"),
         (3, b"\x02", "modality 2"),
         (3, b"\x21", "precision 2"),
         (16, struct.pack("<f", np.nan), "finite"),

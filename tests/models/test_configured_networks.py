@@ -8,6 +8,8 @@ import pytest
 import torch
 
 from pcdet_avp.config import load_config
+from pcdet_avp.link import NrV2xConfig
+from pcdet_avp.link.map_size import UNLIMITED, MapSize
 from pcdet_avp.models import build_network
 from pcdet_avp.structures.camera import PinholeCamera
 from pcdet_avp.structures.pose import Pose
@@ -117,6 +119,17 @@ def test_the_second_edition_takes_its_pretrained_cameras_and_sends_what_the_firs
     }
     for key in ("COMPRESSION", "NUM_BEV_FEATURES"):
         assert slim.MODEL[key] == cfg.MODEL[key]
+
+
+def test_the_block_edition_begins_with_the_second_editions_weights_and_differs_in_what_it_sends_alone():
+    second, cfg = network_of("cp_small_2.yaml")
+    block, limited = network_of("cp_small_2_block.yaml")
+    assert {n: p.shape for n, p in second.state_dict().items()} == {n: p.shape for n, p in block.state_dict().items()}
+    assert {**limited.MODEL, "COMPRESSION": cfg.MODEL.COMPRESSION} == cfg.MODEL
+    assert (limited.DATA_CONFIG, limited.OPTIMIZATION) == (cfg.DATA_CONFIG, cfg.OPTIMIZATION)
+    assert block.codec.map_size == MapSize(NrV2xConfig(mcs=14).max_segment_bytes, constant=True)
+    assert second.codec.map_size == UNLIMITED
+    assert {codec.precision for codec in block.codec.codecs.values()} == {"int8"}
 
 
 @pytest.mark.parametrize("combo", SENSOR_SETS)

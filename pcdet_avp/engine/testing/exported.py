@@ -35,7 +35,7 @@ class ExportedDetector:
         self._halves, network = BothHalves(deployed), deployed.exported.network
         self._shape = network.latent_shape
         codecs = {modality: SimpleNamespace(precision=one) for modality, one in network.latent_precision.items()}
-        self.codec = SimpleNamespace(codecs=codecs)  # what ``Wire`` asks for
+        self.codec = SimpleNamespace(codecs=codecs, map_size=deployed.sent_size)  # what ``Wire`` asks for
 
     def eval(self) -> ExportedDetector:
         """As ``nn.Module``: it is always evaluated."""

@@ -21,6 +21,7 @@ from pcdet_avp.evaluation.benchmark_table import render
 from pcdet_avp.evaluation.detections_file import write_detections, write_texts
 from pcdet_avp.evaluation.inputs import Detections
 from pcdet_avp.files import write_json, write_text
+from pcdet_avp.link.map_size import UNLIMITED
 from pcdet_avp.models import build_network
 from pcdet_avp.models.compression.wire import Wire
 from pcdet_avp.models.weights.checkpoint_file import THRESHOLDS_KEY, read_checkpoint
@@ -97,6 +98,8 @@ def run_test(
         content["weights_hash"] = checkpoint.weights_hash(content["model_state"])
     else:
         model, content = load_exported(cfg, path, runtime)
+    if not wire and model.codec.map_size != UNLIMITED:
+        logger.warning("MODEL.COMPRESSION.MAX_BYTES holds for maps on the wire: without --wire this table is not of it")
     combos = existing_combos(dataset, combos, "--combos", logger)
     found = detect(model, dataset, combos, ranks, batch_size, workers, Wire(model.codec) if wire else None)
     rows, texts = benchmark(dataset, found, content.get(THRESHOLDS_KEY))

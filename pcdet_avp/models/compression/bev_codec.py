@@ -11,6 +11,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from pcdet_avp.link.map_size import MapSize
 from pcdet_avp.models.compression.map_codec import MapCodec, UncompressedMap
 from pcdet_avp.registry import COMPRESSION
 from pcdet_avp.structures.sensor_set import INFRA_SOURCES, SOURCES, modality_of
@@ -43,7 +44,7 @@ class BevCodec(nn.Module):
     """Both roadside maps, each with its own ``MapCodec``, named ``camera`` and ``lidar``.
 
     Keys: REDUCTION 8; PRECISION float16 | int8; THRESHOLD, TARGET_SHARE, MAX_SHARE, LOSS_WEIGHT, INITIAL_LENGTH (see
-    ``CellThreshold``).
+    ``CellThreshold``); MAX_BYTES, CONSTANT_SIZE of the maps on the air (see ``link.map_size``).
     """
 
     map_codec: type[nn.Module] = MapCodec
@@ -53,6 +54,9 @@ class BevCodec(nn.Module):
         self.codecs = nn.ModuleDict(
             {modality_of(source): self.map_codec(model_cfg, channels) for source in INFRA_SOURCES}
         )
+        self.map_size = MapSize.from_config(model_cfg)
+        for codec in self.codecs.values():
+            codec.check(self.map_size)
 
     def codec_of(self, source: str) -> nn.Module:
         """The codec of a roadside source's modality."""

@@ -11,6 +11,7 @@ from torch.autograd.function import once_differentiable
 from torch.nn import functional as F
 
 from pcdet_avp.errors import ConfigError
+from pcdet_avp.link.map_size import MapSize
 from pcdet_avp.models.compression.rounding import PRECISIONS, round_to
 from pcdet_avp.models.compression.sparsify import CellThreshold
 from pcdet_avp.models.cpu_kernels.dispatch import usable_in_training
@@ -51,6 +52,10 @@ class MapCodec(nn.Module):
         """``reduce``, summed in float64: then rounding to float32 hides who added in which order, and a map gives the
         same bytes with any number of threads, memory layout and runtime."""
         return (_Reduce.apply if usable_in_training(x, self.reduce.weight) else _reduced)(x, self.reduce.weight)
+
+    def check(self, size: MapSize) -> None:
+        """ConfigError where not even an empty map could be sent within ``size``."""
+        size.check(self.reduce.out_channels, self.precision)
 
     def latent_shape(self, height: int, width: int) -> tuple[int, int, int]:
         """(C / 8, H / 2, W / 2) of a map of this many rows and columns."""
@@ -115,6 +120,9 @@ class UncompressedMap(nn.Module):
 
     def __init__(self, model_cfg: Any, channels: int) -> None:
         super().__init__()
+
+    def check(self, size: MapSize) -> None:
+        """Nothing is wrong with any size: there are no bytes of such a map."""
 
     def compress(self, x: Tensor) -> tuple[Tensor, Tensor]:
         """As ``MapCodec.compress``."""

@@ -10,8 +10,8 @@ from torch import Tensor, nn
 
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.link.header import MapStamp
-from pcdet_avp.link.packet import LatentMap, encode
-from pcdet_avp.link.rate_control import encode_within
+from pcdet_avp.link.map_size import UNLIMITED, MapSize
+from pcdet_avp.link.packet import LatentMap
 from pcdet_avp.models.compression.bev_codec import Latent
 
 
@@ -24,32 +24,30 @@ def precisions(codec: nn.Module, asked_by: str) -> dict[str, str]:
 
 
 class MapPacker:
-    """Writes latents as segments, each modality at the precision that its codec rounds to, so that nothing is lost."""
+    """Writes latents as segments, each modality at the precision that its codec rounds to, so that nothing is lost; at
+    the size that MODEL.COMPRESSION allows."""
 
     def __init__(
         self, codec: nn.Module, max_segment_bytes: int, asked_by: str, budget_bytes: int | None = None
     ) -> None:
         """``codec`` is the network's, ``asked_by`` as in ``precisions``.
 
-        ``budget_bytes``: what a map may take, everything counted; None: as many as it has.
+        ``budget_bytes``: what a map may take, everything counted, where the codec allows more; None: what that allows.
         """
         self._precisions = precisions(codec, asked_by)
-        self._max_segment_bytes, self._budget_bytes = max_segment_bytes, budget_bytes
+        self._max_segment_bytes, self._size = max_segment_bytes, codec.map_size.within(budget_bytes)
+        self._size.check_segments(max_segment_bytes)
 
     def pack(self, values: Tensor, stamp: MapStamp) -> list[bytes]:
         """Segments of one map (c, h, w)."""
-        precision = self._precisions[stamp.modality]
-        return to_segments(values, stamp, self._max_segment_bytes, precision, self._budget_bytes)
+        return to_segments(values, stamp, self._max_segment_bytes, self._precisions[stamp.modality], self._size)
 
 
 def to_segments(
-    values: Tensor, stamp: MapStamp, max_segment_bytes: int, precision: str, budget_bytes: int | None = None
+    values: Tensor, stamp: MapStamp, max_segment_bytes: int, precision: str, size: MapSize = UNLIMITED
 ) -> list[bytes]:
-    """Segments of one map (c, h, w); with a budget, as many of its cells as fit (see ``link.rate_control``)."""
-    array = np.ascontiguousarray(values.detach().cpu().numpy())
-    if budget_bytes is None:
-        return encode(array, stamp, max_segment_bytes, precision)
-    return encode_within(array, stamp, max_segment_bytes, precision, budget_bytes)
+    """Segments of one map (c, h, w); of one that is larger than ``size`` allows, those of its longest cells."""
+    return size.pack(np.ascontiguousarray(values.detach().cpu().numpy()), stamp, max_segment_bytes, precision)
 
 
 def as_latent(known: LatentMap, device: torch.device | str = "cpu") -> Latent:

@@ -35,6 +35,7 @@ def describe(model: nn.Module, class_names: list[str]) -> Network:
         pillars=_pillars(model.encoder_of("ego_lidar").vfe),
         head=_head(model),
         suppression=suppression_of(model.post_processing),
+        map_size=model.codec.map_size,
     )
 
 

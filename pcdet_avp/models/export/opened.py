@@ -12,6 +12,7 @@ from pcdet_avp.deploy.manifest import MANIFEST, Exported
 from pcdet_avp.deploy.network import Suppression
 from pcdet_avp.deploy.runtime import open_runtime
 from pcdet_avp.errors import ExportError
+from pcdet_avp.link.map_size import MapSize
 from pcdet_avp.models.thresholds import per_class
 from pcdet_avp.models.weights.meaning import below, differences, meaning_of, refusal, some_of
 from pcdet_avp.registration import RegistrationSettings
@@ -23,7 +24,7 @@ def open_deployed(folder: Path, runtime: str, cfg: Mapping, threads: int | None 
     """An exported network and its runtime; ExportError where it was exported for something else than ``cfg``.
 
     Keys and sections that MODEL.IGNORE_CONFIG names may differ, as for checkpoints. Boxes are filtered, and maps
-    registered, as ``cfg`` says: no weights depend on that.
+    registered and limited in bytes, as ``cfg`` says: no weights depend on that.
     """
     exported = Exported.read(Path(folder))
     found = differences(exported.meaning, meaning_of(cfg))
@@ -35,7 +36,16 @@ def open_deployed(folder: Path, runtime: str, cfg: Mapping, threads: int | None 
         logger.warning("%s: used although %s", folder, some_of(found))
     suppression = configured_suppression(cfg["MODEL"]["POST_PROCESSING"], exported.network.class_names)
     registration = RegistrationSettings.from_config(cfg["MODEL"])
-    return Deployed(exported, open_runtime(runtime, threads), suppression, registration)
+    map_size = configured_map_size(cfg["MODEL"], exported)
+    return Deployed(exported, open_runtime(runtime, threads), suppression, registration, map_size)
+
+
+def configured_map_size(model_cfg: Mapping, exported: Exported) -> MapSize:
+    """What a configuration allows the maps on the air; ConfigError where no map of the exported network fits it."""
+    size, network = MapSize.from_config(model_cfg.get("COMPRESSION")), exported.network
+    for precision in network.latent_precision.values():
+        size.check(network.latent_shape[0], precision)
+    return size
 
 
 def configured_suppression(cfg: Any, class_names: Sequence[str]) -> Suppression:

@@ -20,7 +20,8 @@ CODE_KEY = "NETWORK_CODE"
 SHOWN = 3  # differences that a message spells out
 KEYS_NAMED = 8
 
-# Sections and keys that say how data are made, how the network is trained and how its boxes are filtered.
+# Sections and keys that say how data are made, how the network is trained, how its boxes are filtered and what its maps
+# may take on the air.
 FREE = (
     "DATA_CONFIG.DATASET",
     "DATA_CONFIG.DATA_PATH",
@@ -36,8 +37,10 @@ FREE = (
     "DATA_CONFIG.TRAIN_SENSOR_SETS",
     "MODEL.CAMERA_ENCODER.DEPTH.LOSS",
     "MODEL.CAMERA_ENCODER.IMAGE_BACKBONE.PRETRAINED",
+    "MODEL.COMPRESSION.CONSTANT_SIZE",
     "MODEL.COMPRESSION.INITIAL_LENGTH",
     "MODEL.COMPRESSION.LOSS_WEIGHT",
+    "MODEL.COMPRESSION.MAX_BYTES",
     "MODEL.DENSE_HEAD.LOSS_CONFIG",
     "MODEL.IGNORE_CONFIG",
     "MODEL.POST_PROCESSING",

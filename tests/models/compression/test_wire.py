@@ -4,7 +4,9 @@ import pytest
 import torch
 
 from pcdet_avp.errors import ConfigError
+from pcdet_avp.link import MapStamp
 from pcdet_avp.models.compression.bev_codec import BevCodec, Latent, NoCompression
+from pcdet_avp.models.compression.map_packets import MapPacker
 from pcdet_avp.models.compression.wire import Wire
 
 
@@ -54,3 +56,41 @@ def test_an_empty_map_arrives_as_known_to_be_empty(codec):
 def test_uncompressed_maps_have_no_packet():
     with pytest.raises(ConfigError, match=r"--wire: .*no bytes"):
         Wire(NoCompression({}, 32))
+
+
+LIMITED = {"PRECISION": "int8", "THRESHOLD": "rate", "TARGET_SHARE": 0.9, "MAX_BYTES": 120}
+
+
+@pytest.mark.parametrize("constant", [False, True])
+def test_every_map_obeys_the_configured_limit_and_arrives_as_its_longest_cells(constant):
+    torch.manual_seed(0)
+    codec = BevCodec({**LIMITED, "CONSTANT_SIZE": constant}, channels=32).eval()
+    latents, wire = _latents(codec, (1, 1)), Wire(codec)
+    arrived = wire(latents)
+    sizes = [size for of_modality in wire.take_sizes().values() for size in of_modality]
+    assert len(sizes) == 4
+    assert all(size == 120 if constant else 100 < size <= 120 for size in sizes)
+    for source, latent in latents.items():
+        for sent, known in zip(latent.values, arrived[source].values, strict=True):
+            kept = (known != 0).any(0)
+            assert 0 < kept.sum() < (sent != 0).any(0).sum()
+            assert torch.equal(known, torch.where(kept, sent, 0))
+            assert sent.norm(dim=0)[kept].min() >= sent.norm(dim=0)[~kept].max()
+        assert arrived[source].received.all()
+
+
+def test_a_budget_makes_the_limit_tighter_and_never_wider():
+    codec = BevCodec({**LIMITED, "CONSTANT_SIZE": True}, channels=32)
+    values = torch.randn(4, 6, 5)
+    for budget, size in ((None, 120), (5000, 120), (100, 100)):
+        payloads = MapPacker(codec, 400, "a test", budget).pack(values, MapStamp(0, 0, "lidar", 0.0, 0.0, 0.0))
+        assert [len(payload) for payload in payloads] == [size]
+
+
+def test_limits_that_no_map_can_keep_are_refused_before_there_is_one():
+    with pytest.raises(ConfigError, match=r"MAX_BYTES: expected 56 or more, the headers of an int8 map of 4 channels"):
+        BevCodec({**LIMITED, "MAX_BYTES": 55, "CONSTANT_SIZE": True}, channels=32)
+    with pytest.raises(ConfigError, match=r"CONSTANT_SIZE: expected MAX_BYTES beside it"):
+        BevCodec({"CONSTANT_SIZE": True}, channels=32)
+    with pytest.raises(ConfigError, match=r"CONSTANT_SIZE: expected MAX_BYTES of 100 or less, .*found 120"):
+        Wire(BevCodec({**LIMITED, "CONSTANT_SIZE": True}, channels=32), max_segment_bytes=100)

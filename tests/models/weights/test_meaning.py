@@ -93,6 +93,7 @@ def test_what_only_training_or_filtering_reads_is_free(cfg):
         other["MODEL"]["ROADSIDE_MAP_DROPOUT"] = 0.5
         other["MODEL"]["CAMERA_ENCODER"]["DEPTH"]["LOSS"] = {"WEIGHT": 1.0}
         other["MODEL"]["COMPRESSION"]["TARGET_SHARE"] = 0.5  # of a learned threshold, only the loss reads it
+        other["MODEL"]["COMPRESSION"] |= {"MAX_BYTES": 1475, "CONSTANT_SIZE": True}  # the sender's own
         other["DATA_CONFIG"]["DATA_AUGMENTOR"] = None
         other["DATA_CONFIG"]["GENERATE"]["SCENES"] = 3
         other["OPTIMIZATION"]["LR"] = 1.0

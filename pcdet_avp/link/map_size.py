@@ -1,0 +1,81 @@
+"""How many bytes each map of a roadside unit takes on the air: as many as it has, at most so many, or always so many.
+
+The keys are ``MAX_BYTES`` and ``CONSTANT_SIZE`` of MODEL.COMPRESSION, and they are the sender's alone: no weights
+depend on them, and a receiver need not know them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from pcdet_avp.errors import ConfigError
+from pcdet_avp.link.header import MapFormat, MapStamp
+from pcdet_avp.link.packet import encode
+from pcdet_avp.link.rate_control import encode_constant, encode_within
+from pcdet_avp.link.segment import overhead_bytes
+
+
+@dataclass(frozen=True)
+class MapSize:
+    """Limit on the bytes of a map, headers and checksums of all its segments counted.
+
+    ``max_bytes`` None: as many as it has. ``constant``: every map takes exactly ``max_bytes``, as one segment that is
+    filled up with zeros, so that the radio's grant is constant and the size tells nothing about the scene.
+    """
+
+    max_bytes: int | None = None
+    constant: bool = False
+
+    def __post_init__(self) -> None:
+        if self.constant and self.max_bytes is None:
+            raise ConfigError("MODEL.COMPRESSION.CONSTANT_SIZE: expected MAX_BYTES beside it, found null")
+
+    @classmethod
+    def from_config(cls, compression: Mapping[str, Any] | None) -> MapSize:
+        """That of a section MODEL.COMPRESSION."""
+        section = compression or {}
+        return cls(section.get("MAX_BYTES"), bool(section.get("CONSTANT_SIZE", False)))
+
+    def within(self, budget_bytes: int | None) -> MapSize:
+        """The tighter of both limits; what was constant stays so."""
+        limits = [limit for limit in (self.max_bytes, budget_bytes) if limit is not None]
+        return replace(self, max_bytes=min(limits, default=None))
+
+    def check(self, channels: int, precision: str) -> None:
+        """ConfigError where not even the headers of a map of so many channels, and a byte of its body, fit."""
+        exponents = (0,) * channels if precision == "int8" else ()
+        least = overhead_bytes(MapFormat(channels, 1, 1, precision, exponents), padded=self.constant) + 1
+        if self.max_bytes is not None and self.max_bytes < least:
+            raise ConfigError(
+                f"MODEL.COMPRESSION.MAX_BYTES: expected {least} or more, the headers of an {precision} map of "
+                f"{channels} channels, found {self.max_bytes}"
+            )
+
+    def in_segments(self, max_segment_bytes: int) -> MapSize:
+        """The same limit, no longer constant where a map of that size would not be one segment."""
+        fits = self.max_bytes is None or self.max_bytes <= max_segment_bytes
+        return replace(self, constant=self.constant and fits)
+
+    def check_segments(self, max_segment_bytes: int) -> None:
+        """ConfigError where a map of constant size would not be one segment."""
+        if self != self.in_segments(max_segment_bytes):
+            raise ConfigError(
+                f"MODEL.COMPRESSION.CONSTANT_SIZE: expected MAX_BYTES of {max_segment_bytes} or less, what one block "
+                f"carries here, found {self.max_bytes}"
+            )
+
+    def pack(self, latent: np.ndarray, stamp: MapStamp, max_segment_bytes: int, precision: str) -> list[bytes]:
+        """Segments of a map (C, H, W) of floats, of which the longest cells are kept; see ``link.rate_control``."""
+        self.check_segments(max_segment_bytes)
+        if self.max_bytes is None:
+            return encode(latent, stamp, max_segment_bytes, precision)
+        if not self.constant:
+            return encode_within(latent, stamp, max_segment_bytes, precision, self.max_bytes)
+        return encode_constant(latent, stamp, self.max_bytes, precision)
+
+
+UNLIMITED = MapSize()
