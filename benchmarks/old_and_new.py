@@ -46,6 +46,7 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--amp", action="store_true", help="bf16 on both sides")
     parser.add_argument("--train", metavar="COMBO", help="a training iteration instead, with the sensors of a combo")
+    parser.add_argument("--batch", type=int, default=1, help="frames of one training iteration")
     parser.add_argument("--worker", help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.worker:
@@ -98,7 +99,7 @@ class Side:
         if name == "new":
             cfg, ckpt = args.new_cfg or cfg, args.new_ckpt or ckpt
         command = [sys.executable, __file__, "--worker", name, "--cfg", str(root / cfg), "--ckpt", ckpt]
-        command += ["--keep-frames", str(frames), "--threads", str(args.threads)]
+        command += ["--keep-frames", str(frames), "--threads", str(args.threads), "--batch", str(args.batch)]
         command += ["--amp"] * args.amp + ["--train", str(args.train)] * bool(args.train)
         environment = {**os.environ, "PYTHONPATH": str(root), "OMP_WAIT_POLICY": "PASSIVE"}
         self._process = subprocess.Popen(
@@ -187,7 +188,7 @@ class Worker:
         from pcdet_avp.freed_memory import keep_freed_memory
 
         keep_freed_memory()
-        self.amp, self.threads, self.combo = args.amp, args.threads, args.train
+        self.amp, self.threads, self.combo, self.size = args.amp, args.threads, args.train, args.batch
         self.frames = pickle.loads(args.keep_frames.read_bytes())
         cfg = load_config(args.cfg)
         self.input = NetworkInput.from_config(cfg["DATA_CONFIG"], cfg["CLASS_NAMES"])
@@ -322,7 +323,7 @@ class Worker:
 
 
 class TrainWorker(Worker):
-    """Whole training iterations of one sample each: forward pass, losses, backward pass, clipping and optimiser."""
+    """Whole training iterations: forward pass, losses, backward pass, clipping and optimiser."""
 
     def _network(self, cfg, ckpt: str):
         import torch
@@ -331,12 +332,26 @@ class TrainWorker(Worker):
         self.optimizer = torch.optim.AdamW(network.parameters(), lr=0.0)
         return network
 
+    def start(self) -> dict:
+        self._batches = list(self._collated())
+        return super().start()
+
     def round(self) -> Times:
         self.spent.clear()
-        for frame in self.frames:
-            batch = self._batch(frame, self._mask())
+        for batch in self._batches:
             self._whole("train", lambda b=batch: self._step(b))
         return self.spent
+
+    def _collated(self) -> Iterator[dict]:
+        """The frames, so many at a time as an iteration has."""
+        from pcdet_avp.datasets.avp.collate import collate, load_batch
+        from pcdet_avp.datasets.avp.prepare import prepare
+        from pcdet_avp.structures.sensor_set import SensorSet
+
+        sensor_set = SensorSet(*self._mask())
+        samples = [prepare(frame, sensor_set, self.input.prepare_config) for frame in self.frames]
+        for start in range(0, len(samples), self.size):
+            yield load_batch(collate(samples[start : start + self.size]), "cpu")
 
     def _mask(self) -> tuple[bool, ...]:
         from pcdet_avp.structures.sensor_set import SENSOR_SETS
@@ -357,8 +372,8 @@ class TrainWorker(Worker):
 
     def answers(self) -> dict:
         numbers = {}
-        for i, frame in enumerate(self.frames):
-            numbers |= {f"{i} {key}": value for key, value in self._step(self._batch(frame, self._mask())).items()}
+        for i, batch in enumerate(self._batches):
+            numbers |= {f"{i} {key}": value for key, value in self._step(batch).items()}
             for name, parameter in self.network.named_parameters():
                 numbers[f"{i} {name}"] = 0.0 if parameter.grad is None else float(parameter.grad.norm())
         return {"loss": numbers}

@@ -40,7 +40,8 @@ def norm_relu(norm: nn.Module, x: Tensor, shortcut: Tensor | None = None) -> Ten
     convolution has just made."""
     if kernels.fits(norm, x, shortcut):
         return kernels.norm_relu(norm, x, shortcut)
-    return F.relu(norm(x) if shortcut is None else norm(x) + shortcut)
+    normalised = norm(x) if shortcut is None else norm(x) + shortcut
+    return F.relu(normalised, inplace=torch.is_grad_enabled())  # no norm needs its own result for its gradient
 
 
 class FrozenBatchNorm2d(nn.Module):
@@ -80,6 +81,11 @@ class ScaleNorm(nn.Module):
         values = present.sum((1, 2, 3)).clamp_min(1) * x.shape[1]
         power = torch.linalg.vector_norm(full_precision(x), dim=(1, 2, 3)).square() / values
         return torch.rsqrt(power + self.eps)[:, None] * self.weight
+
+    def scale_of_rows(self, rows: Tensor) -> Tensor:
+        """(C,) as ``scale``, for one sample whose present cells are rows (n, C)."""
+        power = torch.linalg.vector_norm(full_precision(rows)).square() / max(rows.numel(), 1)
+        return torch.rsqrt(power + self.eps) * self.weight
 
     def scale_of(self, power: float, values: int) -> Tensor:
         """(C,) as ``scale``, for one sample whose present cells hold ``values`` numbers with this sum of squares."""

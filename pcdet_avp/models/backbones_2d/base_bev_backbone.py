@@ -10,6 +10,7 @@ from torch import Tensor, nn
 from pcdet_avp.errors import ConfigError, GeometryError
 from pcdet_avp.models.memory_layout import for_convolutions
 from pcdet_avp.models.norm import make_norm, norm_relu
+from pcdet_avp.models.pointwise import PointwiseConvTranspose2d
 from pcdet_avp.registry import BACKBONES_2D
 
 
@@ -83,7 +84,9 @@ def conv_stage(inputs: int, outputs: int, layers: int, stride: int, norm: str) -
 
 def upsample(inputs: int, outputs: int, stride: float, norm: str) -> ConvStage:
     """Enlarge a map ``stride`` times without overlap, or shrink it where the stride is below 1."""
-    if stride >= 1:
+    if stride == 1:
+        conv = PointwiseConvTranspose2d(inputs, outputs)
+    elif stride > 1:
         conv = nn.ConvTranspose2d(inputs, outputs, round(stride), stride=round(stride), bias=False)
     else:
         conv = nn.Conv2d(inputs, outputs, round(1 / stride), stride=round(1 / stride), bias=False)

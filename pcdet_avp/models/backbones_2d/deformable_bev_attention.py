@@ -16,7 +16,8 @@ from torch.nn import functional as F
 
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.models.cpu_kernels import attention as kernels
-from pcdet_avp.models.cpu_kernels.dispatch import usable
+from pcdet_avp.models.cpu_kernels import attention_gradient
+from pcdet_avp.models.cpu_kernels.dispatch import usable, usable_in_training
 from pcdet_avp.models.norm import ScaleNorm
 from pcdet_avp.models.precision import full_precision
 
@@ -59,6 +60,8 @@ class DeformableBevAttention(nn.Module):
             raise ConfigError(f"ATTENTION.QUERY_STRIDE: {tuple(x.shape[2:])} cells do not divide by {self.stride}")
         if usable(x, self.value.weight):
             return kernels.attend(self, x, present)
+        if usable_in_training(x, self.value.weight) and len(x):
+            return attention_gradient.attend(self, x, present)
         inside = present.to(x.dtype)
         x = x * inside
         x = torch.addcmul(x, self._attend(x, self.norm.scale(x, present)), inside)

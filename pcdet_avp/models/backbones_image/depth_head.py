@@ -5,6 +5,7 @@ from __future__ import annotations
 from torch import Tensor, nn
 
 from pcdet_avp.models.norm import make_norm, norm_relu
+from pcdet_avp.models.pointwise import PointwiseConv2d
 
 
 class DepthHead(nn.Module):
@@ -14,7 +15,7 @@ class DepthHead(nn.Module):
         super().__init__()
         self.conv = nn.Conv2d(in_channels, mid_channels, 3, padding=1, bias=False)
         self.norm = make_norm(norm, mid_channels)
-        self.classify = nn.Conv2d(mid_channels, num_bins + 1, 1)
+        self.classify = PointwiseConv2d(mid_channels, num_bins + 1, cells_last=True)
 
     def forward(self, features: Tensor) -> Tensor:
         return self.classify(norm_relu(self.norm, self.conv(features)))

@@ -15,6 +15,7 @@ from pcdet_avp.errors import ConfigError
 from pcdet_avp.models.backbones_image.resnet import DEPTHS, IMAGENET_MEAN, IMAGENET_STD, ResNet
 from pcdet_avp.models.memory_layout import for_convolutions
 from pcdet_avp.models.norm import drop_foreign_norms, make_norm, norm_relu
+from pcdet_avp.models.pointwise import PointwiseConv2d
 
 STRIDE = 4  # image pixels per side of a feature pixel
 STEM_KINDS = ("conv", "patches")
@@ -54,7 +55,7 @@ class FeaturePyramid(nn.Module):
 
     def __init__(self, in_channels: Sequence[int], out_channels: int, norm: str) -> None:
         super().__init__()
-        self.lateral = nn.ModuleList(nn.Conv2d(n, out_channels, 1) for n in in_channels)
+        self.lateral = nn.ModuleList(PointwiseConv2d(n, out_channels) for n in in_channels)
         self.smooth = nn.Conv2d(out_channels, out_channels, 3, padding=1, bias=False)
         self.norm = make_norm(norm, out_channels)
 

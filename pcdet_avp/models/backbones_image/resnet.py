@@ -10,6 +10,7 @@ from torch.nn import functional as F
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.models.memory_layout import for_convolutions
 from pcdet_avp.models.norm import make_norm, norm_relu
+from pcdet_avp.models.pointwise import PointwiseConv2d
 
 # Blocks per stage and kind of block, by the depth of the published networks.
 DEPTHS = {18: ((2, 2, 2, 2), "basic"), 34: ((3, 4, 6, 3), "basic"), 50: ((3, 4, 6, 3), "bottleneck")}
@@ -98,11 +99,11 @@ class Bottleneck(nn.Module):
     def __init__(self, inputs: int, width: int, stride: int, norm: str) -> None:
         super().__init__()
         outputs = width * self.expansion
-        self.conv1 = nn.Conv2d(inputs, width, 1, bias=False)
+        self.conv1 = PointwiseConv2d(inputs, width, bias=False)
         self.bn1 = make_norm(norm, width)
         self.conv2 = nn.Conv2d(width, width, 3, stride, 1, bias=False)
         self.bn2 = make_norm(norm, width)
-        self.conv3 = nn.Conv2d(width, outputs, 1, bias=False)
+        self.conv3 = PointwiseConv2d(width, outputs, bias=False)
         self.bn3 = make_norm(norm, outputs)
         self.downsample = _shortcut(inputs, outputs, stride, norm)
 
@@ -119,4 +120,4 @@ BLOCKS = {"basic": BasicBlock, "bottleneck": Bottleneck}
 def _shortcut(inputs: int, outputs: int, stride: int, norm: str) -> nn.Sequential | None:
     if stride == 1 and inputs == outputs:
         return None
-    return nn.Sequential(nn.Conv2d(inputs, outputs, 1, stride, bias=False), make_norm(norm, outputs))
+    return nn.Sequential(PointwiseConv2d(inputs, outputs, stride, bias=False), make_norm(norm, outputs))

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from functools import reduce
 from typing import Any
 
 import torch
 from torch import Tensor, nn
+from torch.autograd.function import once_differentiable
 from torch.nn import functional as F
 
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.link.map_size import MapSize
 from pcdet_avp.models.compression.rounding import PRECISIONS, round_to
 from pcdet_avp.models.compression.sparsify import CellThreshold
-from pcdet_avp.models.precision import full_precision
+from pcdet_avp.models.cpu_kernels.dispatch import usable_in_training
+from pcdet_avp.models.pointwise import pointwise
+from pcdet_avp.models.precision import full_precision, without_autocast
 
 
 class MapCodec(nn.Module):
@@ -47,8 +51,7 @@ class MapCodec(nn.Module):
     def _reduce(self, x: Tensor) -> Tensor:
         """``reduce``, summed in float64: then rounding to float32 hides who added in which order, and a map gives the
         same bytes with any number of threads, memory layout and runtime."""
-        weight = self.reduce.weight.flatten(1).double()
-        return (x.double().permute(0, 2, 3, 1) @ weight.T).to(x.dtype).permute(0, 3, 1, 2)
+        return (_Reduce.apply if usable_in_training(x, self.reduce.weight) else _reduced)(x, self.reduce.weight)
 
     def check(self, size: MapSize) -> None:
         """ConfigError where not even an empty map could be sent within ``size``."""
@@ -63,7 +66,51 @@ class MapCodec(nn.Module):
 
         The paper upsamples and then restores the channels; the other order gives the same and costs a quarter.
         """
+        if usable_in_training(latent, self.restore.weight):  # channels last, as the stages behind it read
+            latent = latent.contiguous(memory_format=torch.channels_last)
+            return _Repeat.apply(pointwise(latent, self.restore.weight, None), self.pooling)
         return F.interpolate(self.restore(latent), scale_factor=self.pooling, mode="nearest")
+
+
+def _reduced(x: Tensor, weight: Tensor) -> Tensor:
+    """x (B, C, H, W), weight (C / 8, C, 1, 1) -> (B, C / 8, H, W), summed in float64, channels last in memory."""
+    return (x.double().permute(0, 2, 3, 1) @ weight.flatten(1).double().T).to(x.dtype).permute(0, 3, 1, 2)
+
+
+class _Reduce(torch.autograd.Function):
+    """``_reduced`` with gradients in single precision: no sender and receiver have to agree on those."""
+
+    @staticmethod
+    def forward(ctx, x: Tensor, weight: Tensor) -> Tensor:
+        ctx.save_for_backward(x, weight)
+        return _reduced(x, weight)
+
+    @staticmethod
+    @once_differentiable
+    @without_autocast
+    def backward(ctx, grad: Tensor) -> tuple[Tensor, Tensor]:
+        x, weight = ctx.saved_tensors
+        grads, cells = (t.permute(0, 2, 3, 1).flatten(0, 2) for t in (grad, x))
+        d_x = (grads @ weight.flatten(1)).view(len(x), *x.shape[2:], -1).permute(0, 3, 1, 2)
+        return d_x, (grads.T @ cells).view_as(weight)
+
+
+class _Repeat(torch.autograd.Function):
+    """Every cell of (B, C, h, w) ``times`` x ``times``, channels last in memory in both directions."""
+
+    @staticmethod
+    def forward(ctx, x: Tensor, times: int) -> Tensor:
+        ctx.times = times
+        b, c, h, w = x.shape
+        cells = x.permute(0, 2, 3, 1)[:, :, None, :, None].expand(b, h, times, w, times, c)
+        return cells.reshape(b, h * times, w * times, c).permute(0, 3, 1, 2)
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx, grad: Tensor) -> tuple[Tensor, None]:
+        for dim in (2, 3):
+            grad = reduce(torch.add, grad.unflatten(dim, (-1, ctx.times)).unbind(dim + 1))
+        return grad, None
 
 
 class UncompressedMap(nn.Module):

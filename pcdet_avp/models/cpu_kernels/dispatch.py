@@ -18,9 +18,19 @@ _allowed = True
 
 
 def usable(*tensors: Tensor) -> bool:
-    """Whether these tensors can go through a kernel: ordinary ones on a CPU, in float32, nobody wants gradients, no
-    automatic precision, and nothing records the operations (export, compilation, tracing)."""
-    if not _allowed or torch.is_grad_enabled() or torch.is_autocast_enabled("cpu"):
+    """Whether these tensors can go through a kernel that knows no gradients: nobody wants any, and they fit."""
+    return not torch.is_grad_enabled() and _fit(tensors)
+
+
+def usable_in_training(*tensors: Tensor) -> bool:
+    """Whether these tensors can go through a kernel with a backward pass: gradients are recorded, and they fit."""
+    return torch.is_grad_enabled() and _fit(tensors)
+
+
+def _fit(tensors: tuple[Tensor, ...]) -> bool:
+    """Whether they are ordinary tensors on a CPU, in float32, without automatic precision, and nothing records the
+    operations (export, compilation, tracing)."""
+    if not _allowed or torch.is_autocast_enabled("cpu"):
         return False
     if torch.compiler.is_compiling() or torch.jit.is_tracing():
         return False

@@ -1,4 +1,4 @@
-"""AdaFusion at inference: statistics, both adaptive maps and their mixture in three passes over the maps.
+"""AdaFusion: statistics, both adaptive maps and their mixture in three passes over the maps.
 
 What stands in absent cells is never read. The 3D convolution runs over channels that lie side by side in memory, so
 that its 54 products of a cell need no maps with banded weights.
@@ -16,27 +16,42 @@ from pcdet_avp.models.cpu_kernels.dispatch import OPTIONS, array_of, as_map, cel
 
 def ada_fusion(fuser: nn.Module, maps: dict[int, Tensor], masks: dict[int, Tensor]) -> Tensor:
     """What ``AdaFusion.fuse`` computes of maps (B, C, H, W), whatever stands in absent cells; masks (B, 1, H, W)."""
-    cells = {slot: cells_last(x) for slot, x in maps.items()}
-    inside = {slot: array_of(mask[:, 0]) for slot, mask in masks.items()}
-    # A slot without a map gets any map, nowhere present: so kernels are compiled for one number of maps only.
-    first = next(iter(cells.values()))
-    nowhere, slots, out = np.zeros(first.shape[:3], np.bool_), range(fuser.channel.slots), np.empty_like(first)
-    for sample in range(len(out)):
-        its_maps = tuple(cells.get(slot, first)[sample] for slot in slots)
-        _fuse_sample(fuser, its_maps, tuple(inside.get(slot, nowhere)[sample] for slot in slots), out[sample])
+    out = np.empty(cells_last(next(iter(maps.values()))).shape, np.float32)
+    for i, sample in enumerate(samples_of(maps, masks, fuser)):
+        fuse_sample(fuser, *sample, out[i])
     return as_map(out)
 
 
-def _fuse_sample(fuser: nn.Module, maps: tuple, masks: tuple, out: np.ndarray) -> None:
-    """maps (H, W, C) and masks (H, W) bool of all slots; ``out`` (H, W, C) receives the result."""
+def samples_of(maps: dict[int, Tensor], masks: dict[int, Tensor], fuser: nn.Module) -> list[tuple[tuple, tuple]]:
+    """Of each sample the maps (H, W, C) and masks (H, W) of all slots.
+
+    A slot without a map gets any map, nowhere present: so kernels are compiled for one number of maps only.
+    """
+    cells = {slot: cells_last(x) for slot, x in maps.items()}
+    inside = {slot: array_of(mask[:, 0]) for slot, mask in masks.items()}
+    first = next(iter(cells.values()))
+    nowhere, slots = np.zeros(first.shape[:3], np.bool_), range(fuser.channel.slots)
+    return [
+        (tuple(cells.get(slot, first)[i] for slot in slots), tuple(inside.get(slot, nowhere)[i] for slot in slots))
+        for i in range(len(first))
+    ]
+
+
+def fuse_sample(fuser: nn.Module, maps: tuple, masks: tuple, out: np.ndarray) -> tuple[np.ndarray, ...]:
+    """maps (H, W, C) and masks (H, W) bool of all slots; ``out`` (H, W, C) receives the result.
+
+    Returns what the backward pass needs: both pooled maps, the maxima and means of all maps, both mixed maps, and the
+    maxima and means of those.
+    """
     padded, highest, mean = pool(maps, masks)
     W = fuser.channel.map_weights(list(range(len(maps))), _row(highest), _row(mean))[0].numpy()
     # (map, channel shift, row, column) -> (row and column, map and shift)
     kernel = array_of(fuser.spatial.conv.weight)[0].transpose(2, 3, 0, 1).reshape(9, 6)
     bias = np.float32(fuser.spatial.conv.bias.item())
-    mixed, highest, mean = adapt(padded, maps, masks, W, kernel, bias, fuser.channel.original_form)
-    W = fuser.combine.map_weights([0, 1], _row(highest), _row(mean))[0].numpy()
+    mixed, mixed_highest, mixed_mean = adapt(padded, maps, masks, W, kernel, bias, fuser.channel.original_form)
+    W = fuser.combine.map_weights([0, 1], _row(mixed_highest), _row(mixed_mean))[0].numpy()
     combine(mixed, masks, shares_of_two(W, fuser.combine.original_form), out)
+    return padded, highest, mean, mixed, mixed_highest, mixed_mean
 
 
 def _row(values: np.ndarray) -> Tensor:

@@ -16,6 +16,7 @@ from pcdet_avp.models.dense_heads.anchors import AnchorClass, lay_out
 from pcdet_avp.models.dense_heads.box_coder import decode, direction_class, encode, turn_into_sector
 from pcdet_avp.models.dense_heads.losses import box_loss, shared_normaliser, sigmoid_focal_loss
 from pcdet_avp.models.dense_heads.target_assignment import Assignment, assign, check_targets
+from pcdet_avp.models.pointwise import convolve_to_cells_last
 from pcdet_avp.registry import DENSE_HEADS
 from pcdet_avp.structures.bev_grid import BevGrid
 
@@ -173,7 +174,7 @@ class AnchorHeadSingle(nn.Module):
 def convolve_together(layers: Sequence[nn.Conv2d], x: Tensor) -> tuple[Tensor, ...]:
     """The results of 1 x 1 convolutions of the same map (B, C, H, W), which is read once."""
     weight, bias = (torch.cat([getattr(layer, name) for layer in layers]) for name in ("weight", "bias"))
-    return F.conv2d(x, weight, bias).split([layer.out_channels for layer in layers], 1)
+    return convolve_to_cells_last(x, weight, bias).split([layer.out_channels for layer in layers], 1)
 
 
 def per_anchor(x: Tensor, values: int) -> Tensor:

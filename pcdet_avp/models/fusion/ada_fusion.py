@@ -5,7 +5,8 @@ from __future__ import annotations
 from torch import Tensor
 
 from pcdet_avp.models.cpu_kernels import fusion as kernels
-from pcdet_avp.models.cpu_kernels.dispatch import usable
+from pcdet_avp.models.cpu_kernels import fusion_gradient
+from pcdet_avp.models.cpu_kernels.dispatch import usable, usable_in_training
 from pcdet_avp.models.fusion.channel_ada import ChannelAdaFusion
 from pcdet_avp.models.fusion.map_fuser import MapFuser, Maps, Masks, union
 from pcdet_avp.models.fusion.pooled_statistics import pooled_statistics
@@ -26,6 +27,8 @@ class AdaFusion(MapFuser):
     def fuse_visible(self, maps: Maps, masks: Masks) -> Tensor:
         if usable(*maps.values(), self.spatial.conv.weight):
             return kernels.ada_fusion(self, maps, masks)
+        if usable_in_training(*maps.values(), self.spatial.conv.weight):
+            return fusion_gradient.ada_fusion(self, maps, masks)
         return super().fuse_visible(maps, masks)
 
     def fuse(self, maps: Maps, masks: Masks) -> Tensor:

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from pcdet_avp.errors import SensorError
 from pcdet_avp.models.cpu_kernels import warp as kernels
-from pcdet_avp.models.cpu_kernels.dispatch import usable
+from pcdet_avp.models.cpu_kernels.dispatch import usable, usable_in_training
 from pcdet_avp.models.fusion.pooled_statistics import hide
 from pcdet_avp.structures.bev_grid import BevGrid
 from pcdet_avp.structures.sensor_set import INFRA_SOURCES
@@ -60,6 +60,8 @@ def resample(X: Tensor, mask: Tensor, cols: Tensor, rows: Tensor) -> tuple[Tenso
     """``warp`` with a pose's ``infra_cells``: cols and rows (B, H, W) float64, in cells of the infra grid."""
     if usable(X):
         return kernels.resample(X, mask, cols, rows, MIN_PRESENT_SHARE)
+    if usable_in_training(X):
+        return kernels.resample_with_gradient(X, mask, cols, rows, MIN_PRESENT_SHARE)
     B, C, H, W = X.shape
     cells, weights = neighbours(cols, rows)
     weights = weights * mask.reshape(-1)[cells]

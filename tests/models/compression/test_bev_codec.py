@@ -11,6 +11,7 @@ from pcdet_avp.models.compression.bev_codec import BevCodec, Latent, NoCompressi
 from pcdet_avp.models.compression.map_codec import MapCodec
 from pcdet_avp.models.compression.rounding import PRECISIONS, int8_exponents, round_to
 from pcdet_avp.models.compression.sparsify import CellThreshold
+from pcdet_avp.models.cpu_kernels.dispatch import plain_operations
 
 
 def codec(channels=16, **keys):
@@ -232,3 +233,25 @@ def test_bad_configurations_are_refused():
         codec(THRESHOLD="fixed")
     with pytest.raises(ConfigError, match="2 x 2"):
         codec().compress(torch.zeros(1, 16, 5, 4))
+
+
+@pytest.mark.parametrize("layout", [torch.contiguous_format, torch.channels_last])
+def test_training_computes_the_same_latent_and_gradients_as_plain_operations(layout):
+    module, x = codec(THRESHOLD="learned"), half_empty_map().contiguous(memory_format=layout)
+
+    def train():
+        leaf = x.clone().requires_grad_()
+        latent, loss = module.compress(leaf)
+        restored = module.decompress(latent)
+        toward = torch.randn(restored.shape, generator=torch.Generator().manual_seed(1))
+        total = (restored * toward).sum() + loss.sum()
+        return latent, restored, torch.autograd.grad(total, [leaf, *module.parameters()])
+
+    with plain_operations():
+        latent, restored, gradients = train()
+    found_latent, found_restored, found_gradients = train()
+    assert torch.equal(found_latent, latent)
+    torch.testing.assert_close(found_restored, restored, atol=1e-6, rtol=1e-6)
+    for found, expected in zip(found_gradients, gradients, strict=True):
+        assert expected.any()
+        torch.testing.assert_close(found, expected, atol=1e-5, rtol=1e-5)

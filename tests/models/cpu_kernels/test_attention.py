@@ -1,12 +1,14 @@
-"""The attention's kernels against torch's operations, the formula that gradients go through."""
+"""The attention's kernels against torch's operations: answers, and gradients."""
 
 import pytest
 import torch
 from easydict import EasyDict
 from torch import nn
+from torch.utils.checkpoint import checkpoint
 
 from pcdet_avp.models.backbones_2d.deformable_bev_attention import DeformableBevAttention
 from pcdet_avp.models.cpu_kernels import attention as kernels
+from pcdet_avp.models.cpu_kernels import attention_gradient
 from pcdet_avp.models.cpu_kernels.dispatch import plain_operations
 
 
@@ -77,14 +79,70 @@ def test_a_broken_number_is_not_lost():
     assert found[0, :, 4, 4].isnan().any()
 
 
-def test_training_and_other_precisions_do_without(monkeypatch):
-    monkeypatch.setattr(kernels, "attend", None)  # a call would raise
+def gradients(attention, x, present):
+    """Of the map and all weights, for a random sum of the answer; the map has come out of a ReLU."""
+    x = x.clone().requires_grad_()
+    out = attention(torch.relu(x), present)
+    toward = torch.randn(out.shape, generator=torch.Generator().manual_seed(4))
+    return out, torch.autograd.grad(out, [x, *attention.parameters()], toward)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.2, 1.0])
+@pytest.mark.parametrize("stride", [1, 2])
+def test_gradients_equal_torch_s(stride, share):
+    attention, inputs = random_attention(stride), sparse_map(share=share)
+    with plain_operations():
+        expected, by_torch = gradients(attention, *inputs)
+    found, by_kernels = gradients(attention, *inputs)
+    torch.testing.assert_close(found, expected, atol=2e-5, rtol=1e-5)
+    for mine, theirs in zip(by_kernels, by_torch, strict=True):
+        assert theirs.any() or not share
+        torch.testing.assert_close(mine, theirs, atol=1e-5 * max(1.0, float(theirs.abs().max())), rtol=1e-4)
+
+
+def test_gradients_by_finite_differences():
+    """Along a random direction of all weights; places that move over a cell's border are few."""
+    attention, (x, present) = random_attention(2), sparse_map(share=0.5)
+    _, (_, *grads) = gradients(attention, x, present)
+    toward = torch.randn(x.shape, generator=torch.Generator().manual_seed(4)).double()
+    generator, step = torch.Generator().manual_seed(6), 1e-6
+    along = [torch.randn(g.shape, generator=generator).double() for g in grads]
+
+    def moved(by):
+        twin = random_attention(2).double()
+        with torch.no_grad():
+            for parameter, direction in zip(twin.parameters(), along, strict=True):
+                parameter += by * direction
+            return (twin(torch.relu(x).double(), present) * toward).sum()
+
+    slope = (moved(step) - moved(-step)) / (2 * step)
+    found = sum((g.double() * direction).sum() for g, direction in zip(grads, along, strict=True))
+    torch.testing.assert_close(found, slope, rtol=1e-4, atol=0)
+
+
+def test_gradients_are_the_same_bits_every_time():
+    first, second = (gradients(random_attention(2), *sparse_map())[1] for _ in range(2))
+    assert all(torch.equal(a, b) for a, b in zip(first, second, strict=True))
+
+
+def test_computing_again_in_the_backward_pass_changes_no_bit():
     attention, (x, present) = random_attention(2), sparse_map()
-    attention(x, present).sum().backward()
+    found = []
+    for module in (attention, lambda *inputs: checkpoint(attention, *inputs, use_reentrant=False)):
+        leaf = x.clone().requires_grad_()
+        found.append(torch.autograd.grad(module(leaf, present).square().sum(), [leaf, *attention.parameters()]))
+    assert all(torch.equal(a, b) for a, b in zip(*found, strict=True))
+
+
+def test_other_precisions_do_without(monkeypatch):
+    monkeypatch.setattr(kernels, "attend", None)  # a call would raise
+    monkeypatch.setattr(attention_gradient, "attend", None)
+    attention, (x, present) = random_attention(2), sparse_map()
+    with torch.autocast("cpu", torch.bfloat16):
+        attention(x, present).sum().backward()
     assert attention.value.weight.grad.abs().sum() > 0
-    with torch.no_grad(), torch.autocast("cpu", torch.bfloat16):
+    attention.double()(x.double(), present)
+    with torch.no_grad(), pytest.raises(TypeError):
+        attention.float()(x, present)
+    with pytest.raises(TypeError):
         attention(x, present)
-    with torch.no_grad():
-        attention.double()(x.double(), present)
-        with pytest.raises(TypeError):
-            attention.float()(x, present)

@@ -50,6 +50,8 @@ class _FrustumCollapse(torch.autograd.Function):
         ctx.save_for_backward(features, probabilities, weight)
         ctx.projection, ctx.sampling = projection, sampling
         matrix = _as_matrix(weight)
+        if sampling == "trilinear" and usable(features, probabilities, weight):
+            return kernels.collapse(features, probabilities, matrix, projection)
         collapsed = features.new_empty(len(projection.columns), len(weight))
         for part in _chunks(projection):
             chunk = _Chunk(projection, part, sampling, probabilities.shape[1])
@@ -62,6 +64,9 @@ class _FrustumCollapse(torch.autograd.Function):
     def backward(ctx, grad):
         features, probabilities, weight = ctx.saved_tensors
         matrix = _as_matrix(weight)
+        if ctx.sampling == "trilinear" and usable(features, probabilities, matrix, grad):
+            *grads, d_matrix = kernels.collapse_gradients(features, probabilities, matrix, ctx.projection, grad)
+            return *grads, _as_weight(d_matrix, weight), None, None
         d_features, d_probabilities = torch.zeros_like(features), torch.zeros_like(probabilities)
         d_matrix = torch.zeros_like(matrix)
         for part in _chunks(ctx.projection):

@@ -30,6 +30,50 @@ def collapse(features: Tensor, probabilities: Tensor, matrix: Tensor, projection
     return out
 
 
+def collapse_gradients(
+    features: Tensor, probabilities: Tensor, matrix: Tensor, projection: VoxelProjection, grad: Tensor
+) -> tuple[Tensor, Tensor, Tensor]:
+    """The gradients of features, probabilities and matrix for that of the sums (c, C_out)."""
+    columns, heights = projection.pixels.shape
+    pixels, bins, grad = array_of(features), array_of(probabilities), grad.contiguous()
+    where = [array_of(t) for t in (projection.pixels, projection.weights, projection.bins, projection.bin_shift)]
+    samples = np.empty((min(CHUNK_COLUMNS, columns), heights, pixels.shape[1]), np.float32)
+    d_features, d_probabilities, d_matrix = (torch.zeros_like(t) for t in (features, probabilities, matrix))
+    for start in range(0, columns, CHUNK_COLUMNS):
+        n = min(CHUNK_COLUMNS, columns - start)
+        part, width = [a[start : start + n] for a in where], projection.image_size[1]
+        sample_voxels(pixels, bins, *part, width, samples[:n])
+        d_matrix.addmm_(torch.from_numpy(samples[:n]).view(n, -1).T, grad[start : start + n])
+        d_samples = (grad[start : start + n] @ matrix.T).view(n, heights, -1).numpy()
+        add_voxel_gradients(pixels, bins, *part, width, d_samples, d_features.numpy(), d_probabilities.numpy())
+    return d_features, d_probabilities, d_matrix
+
+
+@numba.njit(**OPTIONS)
+def add_voxel_gradients(
+    features, probabilities, pixels, weights, bins, shift, width, d_samples, d_features, d_probabilities
+):
+    """Add to d_features and d_probabilities what the sums' gradients d_samples (c, Z, C) want of the four pixels of
+    each voxel; the others as in ``sample_voxels``. A voxel that is not seen has no weights and wants nothing."""
+    for column in range(pixels.shape[0]):
+        for height in range(pixels.shape[1]):
+            first, lower, upper_share = pixels[column, height], bins[column, height], shift[column, height]
+            for corner in range(4):
+                bilinear = weights[column, height, corner]
+                if bilinear == 0:
+                    continue
+                pixel = first + (corner // 2) * width + corner % 2
+                factor = bilinear * _at_depth(probabilities, pixel, lower, upper_share)
+                product = np.float32(0)
+                for k in range(features.shape[1]):
+                    product += features[pixel, k] * d_samples[column, height, k]
+                    d_features[pixel, k] += factor * d_samples[column, height, k]
+                d_depth = bilinear * product
+                d_upper = d_depth * upper_share
+                d_probabilities[pixel, lower] += d_depth - d_upper
+                d_probabilities[pixel, lower + 1] += d_upper
+
+
 @numba.njit(**OPTIONS)
 def sample_voxels(features, probabilities, pixels, weights, bins, shift, width, out):
     """Write to out (c, Z, C) the sums over each voxel's four pixels, ``width`` pixels in a row of the padded image.

@@ -55,17 +55,44 @@ class FrustumToBev(nn.Module):
             pixels = _padded_rows(_channels_last(features))
             probabilities = _padded_rows(_channels_last(logits).softmax(-1)[..., : bins.count], slots=1)
             weight = self.collapse.weight.view(self.num_bev_features, -1, self.num_heights)
-            cells = self.grid.height * self.grid.width
-            maps = pixels.new_zeros(len(features) * cells, self.num_bev_features)
-            seen = torch.zeros(len(features) * cells, dtype=torch.bool, device=maps.device)
-            for b in range(len(features)):
-                projection = self._projection(image_from_agent[b], bins, image_size, stride)
-                collapsed = frustum_collapse(pixels[b], probabilities[b], weight, projection, self.sampling)
-                maps = maps.index_copy(0, projection.columns + b * cells, collapsed)
-                seen[projection.columns + b * cells] = True
-            maps = maps.view(len(features), self.grid.height, self.grid.width, maps.shape[1]).permute(0, 3, 1, 2)
-            seen = seen.view(len(features), 1, self.grid.height, self.grid.width)
-            return F.relu(self.norm(maps, seen)), seen
+            projections = [self._projection(m, bins, image_size, stride) for m in image_from_agent]
+            rows = [
+                frustum_collapse(pixels[b], probabilities[b], weight, projection, self.sampling)
+                for b, projection in enumerate(projections)
+            ]
+            columns = [projection.columns for projection in projections]
+            seen = self._seen(columns, pixels.device)
+            if torch.is_grad_enabled() and rows:
+                return self._normalised_rows(rows, columns), seen
+            maps = pixels.new_zeros(len(rows), self.grid.height * self.grid.width, self.num_bev_features)
+            return self._normalised_map(maps.flatten(0, 1), rows, columns, seen), seen
+
+    def _normalised_map(self, maps: Tensor, rows: list[Tensor], columns: list[Tensor], seen: Tensor) -> Tensor:
+        """Each sample's rows (c, C) on the empty maps (B * H * W, C), which are then normalised: (B, C, H, W)."""
+        cells = self.grid.height * self.grid.width
+        for b, (sample, where) in enumerate(zip(rows, columns, strict=True)):
+            maps = maps.index_copy(0, where + b * cells, sample)
+        return F.relu(self.norm(self._as_maps(maps), seen))
+
+    def _normalised_rows(self, rows: list[Tensor], columns: list[Tensor]) -> Tensor:
+        """The same in training: normalised first, so that neither is done to cells that are not seen, nor undone."""
+        cells = self.grid.height * self.grid.width
+        rows = [F.relu(sample * self.norm.scale_of_rows(sample).to(sample.dtype), inplace=True) for sample in rows]
+        maps = rows[0].new_zeros(len(rows) * cells, self.num_bev_features)
+        where = torch.cat([of_sample + b * cells for b, of_sample in enumerate(columns)])
+        return self._as_maps(maps.index_copy_(0, where, torch.cat(rows)))
+
+    def _as_maps(self, cells: Tensor) -> Tensor:
+        """(B * H * W, C) -> (B, C, H, W)."""
+        return cells.view(-1, self.grid.height, self.grid.width, cells.shape[1]).permute(0, 3, 1, 2)
+
+    def _seen(self, columns: list[Tensor], device: torch.device) -> Tensor:
+        """(B, 1, H, W) bool, true in each sample's columns."""
+        cells = self.grid.height * self.grid.width
+        seen = torch.zeros(len(columns), cells, dtype=torch.bool, device=device)
+        for b, where in enumerate(columns):
+            seen[b, where] = True
+        return seen.view(len(columns), 1, self.grid.height, self.grid.width)
 
     def _projection(
         self, image_from_agent: Tensor, bins: DepthBins, image_size: tuple[int, int], stride: int

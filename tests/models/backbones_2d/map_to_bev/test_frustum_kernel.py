@@ -1,4 +1,4 @@
-"""The frustum's kernel against torch's operations, the formula that gradients go through."""
+"""The frustum's kernel against torch's operations: answers, and gradients."""
 
 import math
 
@@ -79,11 +79,34 @@ def test_a_broken_number_is_not_lost():
     assert found.isnan().any()
 
 
-def test_training_other_samplings_and_precisions_do_without(monkeypatch):
+def gradients(to_bev, features, logits, matrix):
+    """Of random sums of the maps: for features, logits and all weights."""
+    inputs = [features.clone().requires_grad_(), logits.clone().requires_grad_()]
+    maps, _ = to_bev(*inputs, matrix, BINS, SIZE, STRIDE)
+    toward = torch.randn(maps.shape, generator=torch.Generator().manual_seed(4))
+    return torch.autograd.grad(maps, [*inputs, *to_bev.parameters()], toward)
+
+
+@pytest.mark.parametrize("chunk", [7, kernels.CHUNK_COLUMNS])
+def test_gradients_equal_torch_s(monkeypatch, chunk):
+    monkeypatch.setattr(kernels, "CHUNK_COLUMNS", chunk)
+    to_bev, inputs = head(), images()
+    with plain_operations():
+        expected = gradients(to_bev, *inputs)
+    for found, by_torch in zip(gradients(to_bev, *inputs), expected, strict=True):
+        assert by_torch.any()
+        torch.testing.assert_close(found, by_torch, atol=1e-5 * float(by_torch.abs().max()), rtol=1e-4)
+
+
+def test_gradients_are_the_same_bits_every_time():
+    first, second = (gradients(head(), *images()) for _ in range(2))
+    assert all(torch.equal(a, b) for a, b in zip(first, second, strict=True))
+
+
+def test_other_samplings_do_without(monkeypatch):
     monkeypatch.setattr(kernels, "collapse", None)  # a call would raise
     to_bev, (features, logits, matrix) = head(), images()
-    to_bev(features, logits, matrix, BINS, SIZE, STRIDE)[0].sum().backward()
-    assert to_bev.collapse.weight.grad.abs().sum() > 0
+    gradients(head("nearest"), features, logits, matrix)
     with torch.no_grad():
         head("nearest")(features, logits, matrix, BINS, SIZE, STRIDE)
         head("factorised")(features, logits, matrix, BINS, SIZE, STRIDE)
