@@ -109,7 +109,7 @@ def episode_video(results: Results, scenario: str, perception: str, combo: str, 
     stem = _newest(folder, f"{scenario}_{perception}_{combo}_")
     speed, trial = stem.rsplit("_", 2)[1:]
     how = _outcome(results, scenario, perception, combo, float(speed), trial)
-    where, who = f"{SCENARIOS[scenario]}, {speed} m/s", f"{results.meta.get('config')} with {_sensors(combo)}"
+    where, who = f"{SCENARIOS[scenario].title}, {speed} m/s", f"{results.meta.get('config')} with {_sensors(combo)}"
     return Video(
         next(file for file in folder.glob(f"{stem}.*")),
         f"Video: {where}, driven by {who}; {how}.",

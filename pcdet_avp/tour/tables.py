@@ -126,7 +126,7 @@ def drive_table(results: Results, scenario: str, perception: str, speed_mps: flo
 
 def _head(results: Results, scenario: str, perception: str) -> str:
     who = "everything in line of sight is known" if perception == "los" else str(results.meta.get("config"))
-    return f"{SCENARIOS[scenario]}, {who}"
+    return f"{SCENARIOS[scenario].title}, {who}"
 
 
 def _spelled(lines: Sequence[str]) -> list[str]:

@@ -112,6 +112,13 @@ def test_no_request_leaves_the_page(facts):
     assert policy.startswith("default-src 'none'")
 
 
+def test_drives_are_called_by_their_scenarios_title_and_nothing_by_its_python_object(finished_tour, facts):
+    captions = [text for _, text in facts.text if text.startswith("T-junction, ")]
+    assert any(text.startswith("T-junction, 8 m/s, episode ") for text in captions)
+    assert any(text.startswith("T-junction, everything in line of sight is known") for text in captions)
+    assert not re.search(r"\w\(\w+=| at 0x[0-9a-f]+", " ".join(text for where, text in facts.text if where != "style"))
+
+
 def test_those_who_do_not_see_the_page_are_told_the_same(facts):
     assert all(image["alt"].strip() for image in facts.all("img"))
     assert len(facts.all("img")) >= 10
