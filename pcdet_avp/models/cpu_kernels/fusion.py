@@ -13,6 +13,8 @@ from torch import Tensor, nn
 
 from pcdet_avp.models.cpu_kernels.dispatch import OPTIONS, array_of, as_map, cells_last
 
+EPS = np.float32(1e-6)  # the least sum of weights that is divided by
+
 
 def ada_fusion(fuser: nn.Module, maps: dict[int, Tensor], masks: dict[int, Tensor]) -> Tensor:
     """What ``AdaFusion.fuse`` computes of maps (B, C, H, W), whatever stands in absent cells; masks (B, 1, H, W)."""
@@ -63,7 +65,7 @@ def shares_of_two(W: np.ndarray, original_form: bool) -> np.ndarray:
     total = W[0] + W[1]
     if original_form:
         return W
-    return W / max(total, np.float32(1e-6)) if total > 0 else np.full(2, 0.5, np.float32)
+    return W / max(total, EPS) if total > 0 else np.full(2, 0.5, np.float32)
 
 
 @numba.njit(**OPTIONS)
@@ -135,7 +137,7 @@ def adapt(padded, maps, masks, W, kernel, bias, original_form):
                 channel[c] = 0
             for n in range(len(maps)):
                 if masks[n][i, j]:
-                    share = _share(W[n], weight, present, original_form)
+                    share = share_of(W[n], weight, present, original_form)
                     cell = maps[n][i, j]
                     for c in range(channels):
                         channel[c] += share * cell[c]
@@ -153,12 +155,12 @@ def adapt(padded, maps, masks, W, kernel, bias, original_form):
 
 
 @numba.njit(**OPTIONS)
-def _share(weight, total, present, original_form):
+def share_of(weight, total, present, original_form):
     """What a map with this weight counts in a cell (see ``ChannelAdaFusion``)."""
     if original_form:
         return weight
     if total > 0:
-        return weight / max(total, np.float32(1e-6))
+        return weight / max(total, EPS)
     return np.float32(1.0 / present)
 
 

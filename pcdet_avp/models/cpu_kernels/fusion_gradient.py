@@ -20,7 +20,6 @@ from pcdet_avp.models.cpu_kernels.fusion_passes import (
     products,
 )
 
-EPS = 1e-6
 NO_MAP = np.zeros((0, 0, 0), np.float32)
 
 
@@ -110,7 +109,7 @@ def _perceptron_gradients(
         W = _map_weights(layers, dict(zip(names, weights, strict=True)), *leaves)
         if as_shares and not layers.original_form:
             total = W.sum()
-            W = torch.where(total > 0, W / total.clamp(min=EPS), 1 / len(W))
+            W = torch.where(total > 0, W / total.clamp(min=float(fusion.EPS)), 1 / len(W))
         grads = torch.autograd.grad(W, [*leaves, *weights], torch.from_numpy(grad).to(W.dtype))
     d_highest, d_mean = (array_of(g[0]) for g in grads[:2])
     return array_of(W), d_highest, d_mean, list(grads[2:])

@@ -12,8 +12,7 @@ import numba
 import numpy as np
 
 from pcdet_avp.models.cpu_kernels.dispatch import OPTIONS
-
-EPS = np.float32(1e-6)
+from pcdet_avp.models.cpu_kernels.fusion import EPS, share_of
 
 
 @numba.njit(**OPTIONS)
@@ -124,20 +123,11 @@ def add_to_maps(
             part, start = np.float32(1.0 / count), j * step
             for n in range(len(maps)):
                 if masks[n][i, j]:
-                    share = _share(W[n], weight, count, original_form)
+                    share = share_of(W[n], weight, count, original_form)
                     d_cell, more = d_maps[n][i, j], per_value[n]
                     for c in range(channels):
                         d_cell[c] = share * wanted[c] + part * d_mean[start + c] + more
             _add_to_highest(padded, maps, masks, i, j, d_high, start, d_maps)
-
-
-@numba.njit(**OPTIONS)
-def _share(weight, total, present, original_form):
-    if original_form:
-        return weight
-    if total > 0:
-        return weight / max(total, EPS)
-    return np.float32(1.0 / present)
 
 
 @numba.njit(**OPTIONS)
