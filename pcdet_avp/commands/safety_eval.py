@@ -21,7 +21,9 @@ from pcdet_avp.closed_loop.certify.arguments import (
 )
 from pcdet_avp.closed_loop.certify.certificate import CERTIFICATE, certificate, counted, page, write_certificate
 from pcdet_avp.closed_loop.certify.run import run_certification
+from pcdet_avp.closed_loop.export.drive import CaseDriver
 from pcdet_avp.closed_loop.export.sweep_page import write_sweep_page
+from pcdet_avp.closed_loop.export.sweep_videos import write_sweep_videos
 from pcdet_avp.closed_loop.perception.factory import PERCEPTIONS, find_perception
 from pcdet_avp.closed_loop.perception.faults import FAULTS, MARK
 from pcdet_avp.closed_loop.perception.link_options import add_link_arguments
@@ -30,7 +32,6 @@ from pcdet_avp.closed_loop.sweep.arguments import known_trials, sweep_meta, swee
 from pcdet_avp.closed_loop.sweep.summary import crash_text, summary, write_results
 from pcdet_avp.closed_loop.sweep.sweep import Sweep, run_sweep
 from pcdet_avp.closed_loop.sweep.training_garages import sentence
-from pcdet_avp.closed_loop.video.video_sweep import write_sweep_videos
 from pcdet_avp.runtime_arguments import add_runtime_arguments
 from pcdet_avp.sim.scenarios.table import ON_PLAN, SCENARIOS, file_name
 
@@ -99,15 +100,16 @@ def fill_tables(args: argparse.Namespace, sweep: Sweep, started: float) -> None:
     rows = [finished[case][0] for case in sorted(finished) if case.scenario == sweep.scenario]
     print(f"\ncrashes of trials by cruising speed, {sweep.scenario}\n")
     print(crash_text(summary(rows)["cells"], sorted(sweep.speeds)))
+    driver = CaseDriver(sweep)
     pages = (
-        write_sweep_page(sweep, finished, out / PAGES)
+        write_sweep_page(sweep, finished, out / PAGES, driver)
         if args.video or not find_perception(sweep.perception).uses_network
         else []
     )
     print(f"\nwrote {write_report(out)}")
     for file in pages:
         print(f"wrote {file}")
-    for file in write_sweep_videos(sweep, finished, out / "videos") if args.video else ():
+    for file in write_sweep_videos(sweep, finished, out / "videos", driver) if args.video else ():
         print(f"wrote {file}")
 
 

@@ -165,7 +165,7 @@ def test_only_the_environment_needs_gymnasium():
     code = """
 import sys
 sys.modules["gymnasium"] = None
-import pcdet_avp.closed_loop.video.video_sweep, pcdet_avp.closed_loop.report.report, pcdet_avp.closed_loop.sweep.sweep
+import pcdet_avp.closed_loop.export.sweep_videos, pcdet_avp.closed_loop.report.report, pcdet_avp.closed_loop.sweep.sweep
 try:
     import pcdet_avp.closed_loop.gym_env
 except ImportError as error:

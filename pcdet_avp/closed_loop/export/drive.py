@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
 from pcdet_avp.closed_loop.export.record import EpisodeRecord, episode_record
 from pcdet_avp.closed_loop.perception.factory import find_perception
-from pcdet_avp.closed_loop.sweep.case import case_scenario, case_sensors, perceiver_settings
+from pcdet_avp.closed_loop.perception.perceiver import Perceiver
+from pcdet_avp.closed_loop.sweep.case import case_scenario, case_sensors, case_title, perceiver_settings
 from pcdet_avp.closed_loop.sweep.episode_row import ANY_COMBO, Case
 from pcdet_avp.closed_loop.sweep.sweep import Sweep
 from pcdet_avp.closed_loop.video.recording import Recording, record_episode
-from pcdet_avp.closed_loop.video.video_sweep import case_title
 from pcdet_avp.sim.rig import Rig
 from pcdet_avp.structures.roadside_unit import mounted_units
 
@@ -33,22 +34,36 @@ class DrivenCase:
 
 
 class CaseDriver:
-    """Drives cases of one sweep; its perceiver is built once."""
+    """Drives cases of one sweep. Its perceiver is built once, when the first is driven; the last ``KEPT`` drives are
+    kept, so that whoever asks for one of them again has it at once."""
+
+    KEPT = 2  # a trial with the roadside and without it
 
     def __init__(self, sweep: Sweep) -> None:
         self._sweep = sweep
-        self._perceiver = find_perception(sweep.perception).build(perceiver_settings(sweep.perceiver))
-        self._settings = EpisodeSettings.from_config(sweep.closed_loop)
+        self.settings = EpisodeSettings.from_config(sweep.closed_loop)
         data_cfg = sweep.perceiver["data_cfg"]
         self._rig = Rig.from_config(data_cfg["SENSORS"], mounted_units(data_cfg.get("ROADSIDE_UNITS")))
+        self._kept: dict[Case, DrivenCase] = {}
+
+    @cached_property
+    def _perceiver(self) -> Perceiver:
+        return find_perception(self._sweep.perception).build(perceiver_settings(self._sweep.perceiver))
 
     def drive(self, case: Case) -> DrivenCase:
         """The case, driven."""
+        if case not in self._kept:
+            self._kept[case] = self._driven(case)
+            while len(self._kept) > self.KEPT:
+                del self._kept[next(iter(self._kept))]
+        return self._kept[case]
+
+    def _driven(self, case: Case) -> DrivenCase:
         scenario = case_scenario(self._sweep.job(case))
         rig = self._rig.reversed() if scenario.reversing else self._rig
-        recording = record_episode(scenario, self._perceiver, case_sensors(case), self._settings)
-        title = case_title(self._sweep, case)
-        record = episode_record(recording, case, self._sweep.seed, title, self._settings, rig)
+        recording = record_episode(scenario, self._perceiver, case_sensors(case), self.settings)
+        title = case_title(self._sweep.job(case))
+        record = episode_record(recording, case, self._sweep.seed, title, self.settings, rig)
         return DrivenCase(record, recording, rig)
 
 

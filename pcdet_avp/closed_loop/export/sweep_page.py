@@ -13,8 +13,9 @@ from pcdet_avp.closed_loop.sweep.journal import Finished
 from pcdet_avp.closed_loop.sweep.sweep import Sweep
 
 
-def write_sweep_page(sweep: Sweep, finished: Finished, folder: Path) -> list[Path]:
-    """Drive the telling trial again and write its page, unless it lies there; nothing where nothing was run."""
+def write_sweep_page(sweep: Sweep, finished: Finished, folder: Path, driver: CaseDriver | None = None) -> list[Path]:
+    """Drive the telling trial again, with ``driver`` where one is given, and write its page, unless it lies there;
+    nothing where nothing was run."""
     mine = [row for row, _ in finished.values() if row.case[:2] == (sweep.scenario, sweep.perception)]
     case = telling_trial(mine)
     if case is None:
@@ -25,7 +26,7 @@ def write_sweep_page(sweep: Sweep, finished: Finished, folder: Path) -> list[Pat
         return [file]
     alone = vehicle_alone(case)
     driven = [each for each in (case, alone) if each is not None and any(row.case == each for row in mine)]
-    driver = CaseDriver(sweep)
+    driver = driver or CaseDriver(sweep)
     return FORMATS["html"].write([driver.drive(each) for each in driven], stem, ExportSettings(every=0))
 
 

@@ -7,6 +7,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 from pcdet_avp.closed_loop.episode import run_episode
@@ -46,6 +47,14 @@ def case_scenario(job: CaseJob) -> Scenario:
 def case_sensors(case: Case) -> SensorSet:
     """The sensor set of a case; all sensors for a perception that uses none."""
     return SensorSet.parse("CL+CL" if case.combo == ANY_COMBO else case.combo)
+
+
+def case_title(job: CaseJob) -> str:
+    """Says which perception drives, and for ``model`` which network."""
+    case, cfg_file = job.case, job.perceiver.get("cfg_file")
+    who = f"{case.perception} ({Path(cfg_file).stem})" if cfg_file else case.perception
+    sensors = "" if case.combo == ANY_COMBO else f", {case.combo}"
+    return f"{job.scenario.title}, episode {case.trial}, {case.speed:g} m/s, {who}{sensors}"
 
 
 def replay(job: CaseJob, keep_perceived: bool = False) -> EpisodeLog:

@@ -56,9 +56,16 @@ def write_episode_video(
     """
     settings = settings or EpisodeSettings()
     recording = record_episode(scenario, perceiver, sensor_set, settings)
-    video = EpisodeVideo(
-        recording, Rig.from_config(data_cfg["SENSORS"], mounted_units(data_cfg.get("ROADSIDE_UNITS"))), title, settings
-    )
+    rig = Rig.from_config(data_cfg["SENSORS"], mounted_units(data_cfg.get("ROADSIDE_UNITS")))
+    write_recording_video(recording, rig.reversed() if scenario.reversing else rig, file, title, settings, every)
+    return recording.log
+
+
+def write_recording_video(
+    recording: Recording, rig: Rig, file: Path, title: str, settings: EpisodeSettings, every: int = 2
+) -> None:
+    """The same of an episode that was recorded under ``settings``; ``rig`` faces where the ego frame does."""
+    video = EpisodeVideo(recording, rig, title, settings)
     ticks = video.ticks()
     shown = tqdm(ticks[::-every][::-1], unit="picture", desc=f"drawing {file.name}")
     fps = 1 / (every * settings.tick_s)
@@ -66,15 +73,13 @@ def write_episode_video(
     write_picture(file.with_name(f"{file.stem}_poster.jpg"), video.picture(video.poster_tick()))
     stills = [video.picture(tick) for tick in _still_ticks(ticks, recording.log)]
     write_picture(file.with_name(f"{file.stem}_stills.jpg"), np.vstack(stills))
-    return recording.log
 
 
 class EpisodeVideo:
     """Pictures of a recorded episode."""
 
     def __init__(self, recording: Recording, rig: Rig, title: str, settings: EpisodeSettings) -> None:
-        self._recording, self._tick_s = recording, settings.tick_s
-        self._rig = rig.reversed() if recording.scenario.reversing else rig
+        self._recording, self._rig, self._tick_s = recording, rig, settings.tick_s
         scenario = recording.scenario
         self._alone = self._targets_alone(settings) if recording.sensor_set.uses_infra else None
         self._driver = Driver.for_episode(scenario, settings)

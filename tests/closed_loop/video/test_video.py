@@ -11,7 +11,6 @@ from plan_files import PLANS
 from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
 from pcdet_avp.closed_loop.perception.oracle import Oracle
 from pcdet_avp.closed_loop.perception.perceiver import Perceived, PerceiverSettings
-from pcdet_avp.closed_loop.sweep.episode_row import COLUMNS, EpisodeRow
 from pcdet_avp.closed_loop.video import video
 from pcdet_avp.closed_loop.video.episode_picture import (
     ALONE_COLOR,
@@ -25,7 +24,6 @@ from pcdet_avp.closed_loop.video.episode_picture import (
 )
 from pcdet_avp.closed_loop.video.garage_plan import ASPHALT, CONCRETE, FAR_RIGHT_Y_M, PARKED
 from pcdet_avp.closed_loop.video.recording import record_episode
-from pcdet_avp.closed_loop.video.video_sweep import telling_cases
 from pcdet_avp.config import load_config
 from pcdet_avp.sim.actors import box_at, stands
 from pcdet_avp.sim.scenarios.table import draw_scenario
@@ -174,17 +172,3 @@ def test_a_strip_has_its_cursor_at_its_share_of_the_time():
     assert sorted(set(changed)) == pytest.approx([LEFT_PX + 0.25 * span, LEFT_PX + span], abs=1)
     rows = np.nonzero(np.abs(strip.at(8.0)[:, 300].astype(int) - [255, 0, 0]).max(-1) < 90)[0]
     assert rows.mean() == pytest.approx((28 + 100 - 26) / 2, abs=1)  # 5 of 10 is half-way between the borders
-
-
-def test_the_slowest_crash_is_the_telling_episode_or_else_the_fastest_drive():
-    def row(combo, speed, trial, outcome):
-        values = dict.fromkeys(COLUMNS) | {"crashed": outcome != "none"}
-        names = {"scenario": "t_junction", "perception": "los", "combo": combo, "speed": speed, "trial": trial}
-        return EpisodeRow.from_columns(values | names | {"outcome": outcome})
-
-    rows = [row("C+none", 8.0, 0, "front"), row("C+none", 7.0, 3, "side"), row("C+none", 7.0, 1, "front")]
-    rows += [row("C+none", 3.0, 0, "none"), row("C+CL", 8.0, 1, "none"), row("C+CL", 8.0, 0, "none")]
-    assert [case[2:] for case in telling_cases(rows)] == [("C+none", 7.0, 1), ("C+CL", 8.0, 0)]
-    # Of the fastest drives one in which another combination crashed, if there is one.
-    rows[0], rows[-1] = row("C+none", 8.0, 1, "front"), row("C+CL", 8.0, 0, "none")
-    assert [case[2:] for case in telling_cases(rows)] == [("C+none", 7.0, 1), ("C+CL", 8.0, 1)]
