@@ -42,13 +42,13 @@ def comparison(
         camera_panel(frame.infra, on_mast, colors, f"roadside camera, {title}", half),
     ]
     if tight:
-        grid = _as_wide_as_boxes(grid, [frame.labels.boxes, *(found.boxes for _, found in results.values())])
+        grid = as_wide_as_boxes(grid, [frame.labels.boxes, *(found.boxes for _, found in results.values())])
     below = [bev_panel(*result, grid, name, WIDTH_PX // len(results)) for name, result in results.items()]
     above, below = np.hstack(cameras), np.hstack(below)
     return np.vstack([above, cv2.resize(below, (WIDTH_PX, below.shape[0] * WIDTH_PX // below.shape[1]))])
 
 
-def _as_wide_as_boxes(grid: BevGrid, boxes: Sequence[np.ndarray]) -> BevGrid:
+def as_wide_as_boxes(grid: BevGrid, boxes: Sequence[np.ndarray]) -> BevGrid:
     """The rows of the grid that hold boxes (N, 7) in its range or the ego, and ``MARGIN_M`` on both sides."""
     inside = [EGO_FOOTPRINT, *(these[grid.contains_bev(these)] for these in boxes)]
     y = bev_corners(np.concatenate(inside))[..., 1]

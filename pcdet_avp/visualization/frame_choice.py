@@ -51,6 +51,11 @@ def telling_frames(frames: Iterable[Frame], grid: BevGrid, count: int) -> list[T
 
 def only_roadside_sees(labels: Labels) -> np.ndarray:
     """(N,) bool: objects that a sensor of the roadside sees and no sensor of the vehicle."""
-    enough = np.array([MIN_PIXELS if source.endswith("camera") else MIN_POINTS for source in SOURCES])
-    seen, by_ego = labels.hit_counts >= enough, np.array([source in EGO_SOURCES for source in SOURCES])
+    seen, by_ego = seen_by_source(labels), np.array([source in EGO_SOURCES for source in SOURCES])
     return seen[:, ~by_ego].any(1) & ~seen[:, by_ego].any(1)
+
+
+def seen_by_source(labels: Labels) -> np.ndarray:
+    """(N, 4) bool, columns as in ``SOURCES``: which sensor sees an object, by ``MIN_PIXELS`` and ``MIN_POINTS``."""
+    enough = np.array([MIN_PIXELS if source.endswith("camera") else MIN_POINTS for source in SOURCES])
+    return labels.hit_counts >= enough

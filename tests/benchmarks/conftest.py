@@ -1,6 +1,7 @@
 """Scripts of benchmarks/ as modules."""
 
 import importlib.util
+import sys
 from pathlib import Path
 
 import pytest
@@ -13,8 +14,8 @@ def load_benchmark():
     """``load_benchmark(name)``: benchmarks/<name>.py as a module."""
 
     def load(name):
-        spec = importlib.util.spec_from_file_location(name, ROOT / "benchmarks" / f"{name}.py")
-        module = importlib.util.module_from_spec(spec)
+        spec = importlib.util.spec_from_file_location(f"benchmarks_{name}", ROOT / "benchmarks" / f"{name}.py")
+        module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)  # where dataclasses look for types
         spec.loader.exec_module(module)
         return module
 
