@@ -71,12 +71,14 @@ class Head:
 
 @dataclass(frozen=True)
 class Suppression:
-    """Score from which on a box counts and largest overlap with a better one, both by class; boxes in and out."""
+    """Score from which on a box counts and largest overlap with a better one, both by class; boxes in and out; by class
+    the overlap from which on the others vote on where a box stands (0 or empty: none does)."""
 
     min_scores: tuple[float, ...]
     max_overlaps: tuple[float, ...]
     pre_max: int
     post_max: int
+    vote_overlaps: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -129,6 +131,7 @@ class Network:
                 tuple(suppression["max_overlaps"]),
                 suppression["pre_max"],
                 suppression["post_max"],
+                tuple(suppression.get("vote_overlaps", ())),  # not in exports of before there was a vote
             ),
             "map_size": MapSize(**content.get("map_size", {})),  # not in exports of before there was a limit
         }

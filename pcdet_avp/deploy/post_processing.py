@@ -1,4 +1,4 @@
-"""Boxes from the head's raw outputs: scores, anchors, residuals, directions, rotated suppression; without torch.
+"""Boxes from the head's raw outputs: scores, anchors, residuals, directions, suppression, voting; without torch.
 
 Only anchors whose score counts are decoded. Boxes are (x, y, z, dx, dy, dz, heading) in the ego frame, m and rad.
 """
@@ -11,6 +11,7 @@ import numpy as np
 
 from pcdet_avp.deploy.network import AnchorSet, Head, Suppression
 from pcdet_avp.structures.bev_grid import BevGrid
+from pcdet_avp.structures.box_voting import vote
 from pcdet_avp.structures.ego import overlaps_ego
 from pcdet_avp.structures.rotated_iou import suppress
 
@@ -36,7 +37,10 @@ def _of_class(outputs: Detected, scores: np.ndarray, k: int, grid: BevGrid, head
     above = above[np.argsort(-scores[above], kind="stable")[: suppression.pre_max]]
     boxes = decode(outputs, above, anchors(grid, head), head)
     keep = suppress(boxes, suppression.max_overlaps[k], suppression.post_max)
-    return boxes[keep], scores[above[keep]], np.full(len(keep), k + 1)
+    found = boxes[keep]
+    if suppression.vote_overlaps and suppression.vote_overlaps[k]:
+        found = vote(boxes, scores[above], keep, suppression.vote_overlaps[k])
+    return found, scores[above[keep]], np.full(len(keep), k + 1)
 
 
 def decode(outputs: Detected, rows: np.ndarray, anchors: np.ndarray, head: Head) -> np.ndarray:

@@ -49,11 +49,16 @@ def test_the_same_boxes_as_in_torch(bins, centred):
         layer.weight.normal_(std=0.1)
     batch = head({"spatial_features_2d": features})
     limits = {"SCORE_THRESH": {"Car": 0.2, "Pedestrian": 0.4}, "NMS_CONFIG": {"NMS_THRESH": 0.2}}
-    limits["NMS_CONFIG"] |= {"NMS_PRE_MAXSIZE": 150, "NMS_POST_MAXSIZE": 40}
+    limits["NMS_CONFIG"] |= {
+        "NMS_PRE_MAXSIZE": 150,
+        "NMS_POST_MAXSIZE": 40,
+        "VOTE_IOU": {"Car": 0.3, "Pedestrian": 0.0},
+    }
     expected = PostProcessing(limits, names)(batch)[0][0]
     raw = {key: batch[key].numpy() for key in ("cls_preds", "box_preds", "dir_cls_preds") if batch[key] is not None}
     anchors = tuple(AnchorSet(tuple(map(tuple, one.boxes().tolist())), one.align_center) for one in head.classes)
-    found = post_processing.detect(raw, GRID, Head(anchors, 2, bins, 0.7), Suppression((0.2, 0.4), (0.2, 0.2), 150, 40))
+    suppression = Suppression((0.2, 0.4), (0.2, 0.2), 150, 40, (0.3, 0.0))
+    found = post_processing.detect(raw, GRID, Head(anchors, 2, bins, 0.7), suppression)
     assert len(expected["pred_boxes"]) > 20
     np.testing.assert_array_equal(found["pred_labels"], expected["pred_labels"])
     np.testing.assert_allclose(found["pred_scores"], expected["pred_scores"], atol=1e-6)

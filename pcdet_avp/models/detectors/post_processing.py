@@ -10,12 +10,14 @@ from torch import Tensor
 
 from pcdet_avp.models.dense_heads.rotated_nms import rotated_nms
 from pcdet_avp.models.thresholds import per_class
+from pcdet_avp.structures.box_voting import vote
 from pcdet_avp.structures.ego import overlaps_ego
 from pcdet_avp.structures.rotated_iou import iou_3d
 
 
 class PostProcessing:
-    """OpenPCDet's POST_PROCESSING keys; SCORE_THRESH and NMS_CONFIG.NMS_THRESH may also be one number per class.
+    """OpenPCDet's POST_PROCESSING keys, and NMS_CONFIG.VOTE_IOU for box voting (0: none); SCORE_THRESH and the two IoUs
+    of NMS_CONFIG may also be one number per class.
 
     Suppression stays within a class: a person beside a car must not vanish.
     """
@@ -24,6 +26,7 @@ class PostProcessing:
         nms = cfg["NMS_CONFIG"]
         self.min_scores = per_class(cfg["SCORE_THRESH"], class_names, "SCORE_THRESH")
         self.max_overlaps = per_class(nms["NMS_THRESH"], class_names, "NMS_CONFIG.NMS_THRESH")
+        self.vote_overlaps = per_class(nms.get("VOTE_IOU", 0.0), class_names, "NMS_CONFIG.VOTE_IOU")
         self.pre_max, self.post_max = int(nms["NMS_PRE_MAXSIZE"]), int(nms["NMS_POST_MAXSIZE"])
         self.recall_overlaps = [float(v) for v in cfg.get("RECALL_THRESH_LIST", [])]
 
@@ -52,9 +55,17 @@ class PostProcessing:
 
     def _of_class(self, boxes: Tensor, scores: Tensor, k: int) -> tuple[Tensor, Tensor, Tensor]:
         above = (scores > self.min_scores[k]).nonzero().squeeze(1)
+        above = above[scores[above].sort(descending=True, stable=True).indices[: self.pre_max]]
         boxes, scores = boxes[above], scores[above]
         keep = rotated_nms(boxes, scores, self.max_overlaps[k], self.pre_max, self.post_max)
-        return boxes[keep], scores[keep], torch.full_like(keep, k + 1)
+        found = voted(boxes, scores, keep, self.vote_overlaps[k]) if self.vote_overlaps[k] else boxes[keep]
+        return found, scores[keep], torch.full_like(keep, k + 1)
+
+
+def voted(boxes: Tensor, scores: Tensor, keep: Tensor, min_iou: float) -> Tensor:
+    """``box_voting.vote`` for tensors of any device; computed on the CPU."""
+    candidates = (tensor.detach().cpu().numpy() for tensor in (boxes, scores, keep))
+    return torch.from_numpy(vote(*candidates, min_iou)).to(boxes)
 
 
 def count_recalled(found: Sequence[dict], gt_boxes: Tensor | None, overlaps: Sequence[float]) -> dict[str, int]:

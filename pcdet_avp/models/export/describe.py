@@ -41,7 +41,8 @@ def describe(model: nn.Module, class_names: list[str]) -> Network:
 
 def suppression_of(post: PostProcessing) -> Suppression:
     """The thresholds of a network's post-processing."""
-    return Suppression(tuple(post.min_scores), tuple(post.max_overlaps), post.pre_max, post.post_max)
+    by_class = tuple(post.min_scores), tuple(post.max_overlaps)
+    return Suppression(*by_class, post.pre_max, post.post_max, tuple(post.vote_overlaps))
 
 
 def _camera(encoder: CameraEncoder, agent: str) -> CameraInput:

@@ -53,4 +53,6 @@ def configured_suppression(cfg: Any, class_names: Sequence[str]) -> Suppression:
     nms = cfg["NMS_CONFIG"]
     scores = per_class(cfg["SCORE_THRESH"], class_names, "SCORE_THRESH")
     overlaps = per_class(nms["NMS_THRESH"], class_names, "NMS_CONFIG.NMS_THRESH")
-    return Suppression(tuple(scores), tuple(overlaps), int(nms["NMS_PRE_MAXSIZE"]), int(nms["NMS_POST_MAXSIZE"]))
+    votes = per_class(nms.get("VOTE_IOU", 0.0), class_names, "NMS_CONFIG.VOTE_IOU")
+    limits = int(nms["NMS_PRE_MAXSIZE"]), int(nms["NMS_POST_MAXSIZE"])
+    return Suppression(tuple(scores), tuple(overlaps), *limits, tuple(votes))

@@ -34,6 +34,15 @@ def test_a_person_beside_a_car_survives_and_a_double_does_not():
     assert found["pred_boxes"].tolist() == [pytest.approx(boxes[0]), pytest.approx(boxes[2])]
 
 
+def test_boxes_that_are_suppressed_vote_within_their_class_alone():
+    boxes, nms = [box(10), box(10.4), box(10.4)], dict(config()["NMS_CONFIG"])
+    scores = [[0.9, 0.0], [0.9, 0.0], [0.0, 0.8]]
+    for votes, x in ((0.3, 10.2), (0.0, 10.0), ({"Car": 0.3, "Pedestrian": 0.0}, 10.2)):
+        found, _ = run(boxes, scores, NMS_CONFIG={**nms, "VOTE_IOU": votes})
+        assert found["pred_boxes"][:, 0].tolist() == pytest.approx([x, 10.4])
+        assert found["pred_scores"].tolist() == pytest.approx([0.9, 0.8])
+
+
 def test_thresholds_may_differ_by_class():
     boxes, scores = [box(10), box(20)], [[0.4, 0.0], [0.0, 0.4]]
     found, _ = run(boxes, scores, SCORE_THRESH={"Car": 0.5, "Pedestrian": 0.3})
