@@ -16,7 +16,8 @@ MAX_TURN_RAD = 0.5  # candidates that stand across, as half of the anchors do, h
 
 
 def vote(boxes: np.ndarray, scores: np.ndarray, kept: np.ndarray, min_iou: float) -> np.ndarray:
-    """(n, 7) the survivors, rows ``kept`` (n,) of candidates ``boxes`` (N, 7) with ``scores`` (N,), where the vote puts them.
+    """(n, 7) the survivors, rows ``kept`` (n,) of candidates ``boxes`` (N, 7) with ``scores`` (N,), where the vote
+    puts them.
 
     Candidates whose BEV IoU with a survivor is at least ``min_iou`` have a vote on its centre, size and heading; the
     heading's sense, which the direction classifier has decided, stays the survivor's.
