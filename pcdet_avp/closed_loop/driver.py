@@ -47,10 +47,14 @@ class Driver:
     def heeds(self, boxes: np.ndarray, names: np.ndarray, world_from_ego: Pose) -> np.ndarray:
         """Mask (N,) of the boxes (N, 7), ego frame, that the policy heeds: pedestrians, and vehicles that may yet come
         into the junction's conflict zone. The world's frame is the map's."""
+        return self.heeds_in_map(transform_boxes(world_from_ego, boxes), names)
+
+    def heeds_in_map(self, boxes: np.ndarray, names: np.ndarray) -> np.ndarray:
+        """The same for boxes (N, 7) in the map's frame."""
         heeded = names == "Pedestrian"
         if self._junction is not None:
             vehicles = np.flatnonzero(names == "Car")
-            heeded[vehicles] = self._junction.obstructs(transform_boxes(world_from_ego, boxes[vehicles]))
+            heeded[vehicles] = self._junction.obstructs(boxes[vehicles])
         return heeded
 
     def target_speed(self, boxes: np.ndarray, names: np.ndarray, world_from_ego: Pose) -> float:

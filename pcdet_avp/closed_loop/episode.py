@@ -17,6 +17,7 @@ from pcdet_avp.closed_loop.measurements import Measurements
 from pcdet_avp.closed_loop.measures.motions import EgoMotion
 from pcdet_avp.closed_loop.measures.safety_measures import SafetyMeasures, safety_measures
 from pcdet_avp.closed_loop.perception.perceiver import Message, Perceived, Perceiver
+from pcdet_avp.sim.actors import stands
 from pcdet_avp.sim.dynamics import Drive, LongitudinalState, drive
 from pcdet_avp.sim.scenarios.scenario import Scenario
 from pcdet_avp.sim.world import World
@@ -53,12 +54,19 @@ class Episode:
         self._orders = deque([scenario.cruising_mps] * self.settings.lag_ticks)
         self._driver = Driver.for_episode(scenario, self.settings)  # by what is perceived
         self._informed = Driver.for_episode(scenario, self.settings)  # by the truth
+        self._matter = self._who_may_matter()
         self._measurements = Measurements(scenario.cruising_mps)
         self._encounters = Encounters(scenario, self._world)
         self._rows: list[tuple[float, ...]] = []
         self._perceived: list[Perceived | None] = []
         self._messages: list[tuple[Message, ...]] = []
         perceiver.begin(scenario, scenario.seed_key)
+
+    def _who_may_matter(self) -> np.ndarray:
+        """(N,) bool, the world's road users whom the policy may ever heed: not the vehicles that stand in slots."""
+        users = self._world.road_users()
+        heeded = self._informed.heeds_in_map(users.boxes, users.names)
+        return heeded | np.array([not stands(actor) for actor in self._world.actors])
 
     @property
     def time_s(self) -> float:
@@ -114,7 +122,8 @@ class Episode:
         ego, users = self._world.world_from_ego, self._world.road_users()
         seen = self._perceiver.perceive(self._world, self._tick, self._sensor_set)
         target = self._driver.decide(seen.boxes, seen.names, ego)
-        truth = self._informed.decide(transform_boxes(ego.inverse(), users.boxes), users.names, ego)
+        told = users.boxes[self._matter], users.names[self._matter]
+        truth = self._informed.decide(transform_boxes(ego.inverse(), told[0]), told[1], ego)
         self._measurements.decision(target, truth)
         self._measurements.notice(seen, self._encounters.threats(), ego, self.time_s)
         self._measurements.misses(seen.missed, self._driver, ego)

@@ -62,15 +62,15 @@ class PlacedLineOfSight:
 
     def _by_sensor(self, world: World, object_id: int) -> Iterator[bool]:
         """One sensor's verdict after the other, the vehicle's first."""
-        mesh, models = world.mesh_of(object_id), self._models
+        outline, models = world.outline_of(object_id), self._models
         sight, pose = world.sight_of("ego"), world.world_from_ego
         if "L" in self._sensors:
-            yield bool(sight.lidar_sees(self._vehicle.lidar, pose, mesh, object_id, models.returns))
-        yield bool(sight.camera_sees(self._vehicle.camera, pose, mesh, object_id, models.pixels))
+            yield bool(sight.lidar_sees(self._vehicle.lidar, pose, outline, object_id, models.returns))
+        yield bool(sight.camera_sees(self._vehicle.camera, pose, outline, object_id, models.pixels))
         sight = world.sight_of("infra")
         for unit in self._units:
             pose = self._world_from_plan @ unit.world_from_unit
             if unit.lidar:
-                yield bool(sight.lidar_sees(models.lidar_of(unit), pose, mesh, object_id, models.returns))
+                yield bool(sight.lidar_sees(models.lidar_of(unit), pose, outline, object_id, models.returns))
             if unit.camera:
-                yield bool(sight.camera_sees(models.camera_of(unit), pose, mesh, object_id, models.pixels))
+                yield bool(sight.camera_sees(models.camera_of(unit), pose, outline, object_id, models.pixels))

@@ -20,6 +20,7 @@ from pcdet_avp.placement.candidates import find_candidates
 from pcdet_avp.placement.sensors import SensorModels, pitch_by_height
 from pcdet_avp.placement.settings import PlacementSettings
 from pcdet_avp.placement.spots import RAYS, Spots, body_points, ego_poses, find_spots
+from pcdet_avp.sim.actors import mesh_at
 from pcdet_avp.sim.meshes.floor_building import floor_mesh
 from pcdet_avp.sim.plans.floor import Floor, FloorLayout, Mount
 from pcdet_avp.sim.plans.read import cached_plan
@@ -116,7 +117,7 @@ def parked_scene(study: Study, number: int) -> tuple[TriangleScene, np.ndarray]:
     floor = site_of(study).floor
     rng = np.random.default_rng(np.random.SeedSequence([study.seed, number]))
     parked = draw_parked(rng, FloorLayout(floor, 0.0, 0.0), rng.uniform(*study.settings.occupancy))
-    scene = TriangleScene([(car.mesh_at(0.0), car.object_id) for car in parked.values()])
+    scene = TriangleScene([(mesh_at(car, 0.0), car.object_id) for car in parked.values()])
     return scene, np.array([slot in parked for slot in floor.slots])
 
 

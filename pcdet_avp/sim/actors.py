@@ -27,9 +27,9 @@ class Car:
     lamps_on: bool = False
     name = "Car"
 
-    def mesh_at(self, time_s: float) -> Mesh:
-        """The body's mesh at a time (s), world frame."""
-        return car_mesh(self.spec).transformed(pose_at(self, time_s))
+    def body_at(self, time_s: float) -> Mesh:
+        """The body's mesh, which keeps its shape, in its own frame."""
+        return car_mesh(self.spec)
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,11 +41,11 @@ class Pedestrian:
     trajectory: Trajectory
     name = "Pedestrian"
 
-    def mesh_at(self, time_s: float) -> Mesh:
-        """The body's mesh at a time (s), world frame; each pedestrian has a gait phase of its own."""
+    def body_at(self, time_s: float) -> Mesh:
+        """The body's mesh at a time (s), in its own frame; each pedestrian has a gait phase of its own."""
         motion = self.trajectory.at(time_s)
         phase = self.object_id + 2 * np.pi * motion.distance / (STRIDE_PER_HEIGHT * self.spec.height)
-        return pedestrian_mesh(self.spec, phase, motion.speed > 0).transformed(pose_at(self, time_s))
+        return pedestrian_mesh(self.spec, phase, motion.speed > 0)
 
 
 Actor = Car | Pedestrian
@@ -60,6 +60,11 @@ def pose_at(actor: Actor, time_s: float) -> Pose:
     """world_from_actor."""
     motion = actor.trajectory.at(time_s)
     return Pose.from_xyz_yaw(motion.x, motion.y, yaw=motion.yaw)
+
+
+def mesh_at(actor: Actor, time_s: float) -> Mesh:
+    """The body's mesh at a time (s), world frame."""
+    return actor.body_at(time_s).transformed(pose_at(actor, time_s))
 
 
 def box_at(actor: Actor, time_s: float) -> np.ndarray:

@@ -9,11 +9,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 
 from pcdet_avp.errors import GeometryError
-from pcdet_avp.sim.actors import Actor, Car, box_at, pose_at, released, stands
+from pcdet_avp.sim.actors import Actor, Car, box_at, mesh_at, pose_at, released, stands
 from pcdet_avp.sim.garage import GarageLayout
 from pcdet_avp.sim.meshes.building import building_mesh
 from pcdet_avp.sim.meshes.car import car_mesh
@@ -22,9 +23,9 @@ from pcdet_avp.sim.meshes.floor_building import floor_mesh
 from pcdet_avp.sim.meshes.mesh import Mesh
 from pcdet_avp.sim.plans.floor import FloorLayout
 from pcdet_avp.sim.rays.face_tables import FaceRoom
+from pcdet_avp.sim.rays.moved_scene import MovedScene
 from pcdet_avp.sim.rays.raytracer import RayTracer, TriangleScene
-from pcdet_avp.sim.rays.sightline import Sight
-from pcdet_avp.sim.rays.triangle_scene import bounding_sphere
+from pcdet_avp.sim.rays.sightline import Outline, Sight
 from pcdet_avp.sim.render.lights import Lighting, headlamps_of
 from pcdet_avp.structures.ego import EGO_LENGTH_M, EGO_WIDTH_M
 from pcdet_avp.structures.pose import Pose
@@ -43,7 +44,7 @@ MOVING = (
     "moving_scene",
     "ego_tracer",
     "infra_tracer",
-    "ego_scene",
+    "mover_scenes",
 )  # cached values that are invalid once time advances
 
 
@@ -81,7 +82,7 @@ class World:
         if len(self._actors) != len(actors) or any(number < 0 for number in self._actors):
             raise GeometryError(f"world: object ids must differ and be >= 0, found {[a.object_id for a in actors]}")
         self._ego_room, self._infra_room = FaceRoom(), FaceRoom()
-        self._cache: dict[str, RoadUsers | list[tuple[Mesh, int]] | TriangleScene | RayTracer] = {}
+        self._cache: dict[str, Any] = {}  # what is built on demand at the current time
         self.set_ego(layout.road_start_x, layout.lane_y, 0.0)
 
     @property
@@ -96,7 +97,7 @@ class World:
     def set_ego(self, x: float, y: float, yaw: float) -> None:
         """Put the ego's centre at x, y (m), heading yaw (rad)."""
         self.world_from_ego = Pose.from_xyz_yaw(x, y, yaw=yaw)
-        self._forget("infra_tracer", "ego_scene")
+        self._forget("infra_tracer")
 
     @property
     def _world_from_body(self) -> Pose:
@@ -131,7 +132,12 @@ class World:
 
     def mesh_of(self, object_id: int) -> Mesh:
         """Mesh of a moving road user at the current time, world frame."""
-        return next(mesh for mesh, number in self._movers() if number == object_id)
+        return mesh_at(self._actors[object_id], self.time_s)
+
+    def outline_of(self, object_id: int) -> Outline:
+        """What ``Sight`` needs to know of a moving road user at the current time, world frame."""
+        actor = self._actors[object_id]
+        return Outline(pose_at(actor, self.time_s).apply(actor.body_at(self.time_s).vertices))
 
     @property
     def lighting(self) -> Lighting:
@@ -166,19 +172,25 @@ class World:
 
     def sight_of(self, agent: str) -> Sight:
         """What answers whether the sensors of "ego" or "infra" see somebody; the mast's see the ego, too."""
-        if agent == "ego":
-            return Sight(self.static_scene, self.moving_scene)
-        *centre, radius = bounding_sphere(car_mesh(EGO_SPEC))
-        sphere = (*self._world_from_body.apply(np.array(centre)), radius)
-        return Sight(self.static_scene, self.moving_scene, (sphere, self._ego_scene))
+        ego = MovedScene(_scene_of(car_mesh(EGO_SPEC)), self._world_from_body, EGO_INSTANCE)
+        own = [] if agent == "ego" else [ego]
+        return Sight(self.static_scene, lambda: [*self._mover_scenes(), *own])
 
-    def _ego_scene(self) -> TriangleScene:
-        return self._cached("ego_scene", lambda: TriangleScene([self._ego_part()]))
+    def _mover_scenes(self) -> list[MovedScene]:
+        """A scene of each road user on a trajectory at the current time."""
+        return self._cached("mover_scenes", lambda: [self._mover_scene(actor) for actor in self._moving_actors()])
+
+    def _mover_scene(self, actor: Actor) -> MovedScene:
+        scene = _scene_of(actor.body_at(self.time_s))
+        return MovedScene(scene, pose_at(actor, self.time_s), actor.object_id)
 
     def _movers(self) -> list[tuple[Mesh, int]]:
         """Mesh and object id of every road user on a trajectory at the current time."""
-        moving = [actor for actor in self.actors if not stands(actor)]
-        return self._cached("movers", lambda: [(actor.mesh_at(self.time_s), actor.object_id) for actor in moving])
+        moving = self._moving_actors()
+        return self._cached("movers", lambda: [(mesh_at(a, self.time_s), a.object_id) for a in moving])
+
+    def _moving_actors(self) -> list[Actor]:
+        return [actor for actor in self.actors if not stands(actor)]
 
     def _cached(self, name, build):
         if name not in self._cache:
@@ -190,9 +202,15 @@ class World:
             self._cache.pop(name, None)
 
 
+@lru_cache(maxsize=64)
+def _scene_of(body: Mesh) -> TriangleScene:
+    """A body in its own frame; kept as long as the meshes themselves are."""
+    return TriangleScene([(body, 0)])
+
+
 @lru_cache(maxsize=2)
 def _static_scene(layout: GarageLayout | FloorLayout, standing: tuple[Actor, ...]) -> TriangleScene:
     """Kept for the next world with the same garage and parked cars: half a second's work."""
-    parked = [(actor.mesh_at(0.0), actor.object_id) for actor in standing]
+    parked = [(mesh_at(actor, 0.0), actor.object_id) for actor in standing]
     building = floor_mesh(layout.floor) if isinstance(layout, FloorLayout) else building_mesh(layout)
     return TriangleScene([(building, BUILDING_INSTANCE), *parked])

@@ -36,16 +36,19 @@ def wrap_angle(angle: np.ndarray) -> np.ndarray:
 def box_corners(boxes: np.ndarray) -> np.ndarray:
     """(N, 8, 3) vertices in the order of ``CORNER_SIGNS``."""
     boxes = np.asarray(boxes)
-    local = CORNER_SIGNS[None] * boxes[:, None, 3:6] / 2
-    cos, sin = np.cos(boxes[:, 6, None]), np.sin(boxes[:, 6, None])
-    x = local[..., 0] * cos - local[..., 1] * sin
-    y = local[..., 0] * sin + local[..., 1] * cos
-    return np.stack([x, y, local[..., 2]], -1) + boxes[:, None, :3]
+    z = boxes[:, None, 2] + CORNER_SIGNS[:, 2] * boxes[:, None, 5] / 2
+    return np.concatenate([np.tile(bev_corners(boxes), (1, 2, 1)), z[..., None]], -1)
 
 
 def bev_corners(boxes: np.ndarray) -> np.ndarray:
     """(N, 4, 2) footprint vertices, counter-clockwise."""
-    return box_corners(boxes)[:, :4, :2]
+    boxes = np.asarray(boxes)
+    local = CORNER_SIGNS[:4, :2] * boxes[:, None, 3:5] / 2
+    cos, sin = np.cos(boxes[:, 6, None]), np.sin(boxes[:, 6, None])
+    corners = np.empty_like(local)
+    corners[..., 0] = local[..., 0] * cos - local[..., 1] * sin + boxes[:, None, 0]
+    corners[..., 1] = local[..., 0] * sin + local[..., 1] * cos + boxes[:, None, 1]
+    return corners
 
 
 def points_in_box(points: np.ndarray, box: np.ndarray, margin: float = 0.0) -> np.ndarray:

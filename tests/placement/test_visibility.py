@@ -12,7 +12,7 @@ from pcdet_avp.placement.spots import CHILD_M, HEIGHTS, find_spots
 from pcdet_avp.placement.visibility import camera_pixels, clear_points, lidar_returns
 from pcdet_avp.sim.meshes.mesh import Material, box_mesh
 from pcdet_avp.sim.rays.raytracer import RayTracer, TriangleScene
-from pcdet_avp.sim.rays.sightline import camera_rays_at, hits_on, lidar_rays_at
+from pcdet_avp.sim.rays.sightline import camera_window, hits_on, lidar_window
 from pcdet_avp.structures.roadside_unit import MountedUnit
 
 EYE = np.array([[0.0, 0.0, 1.8]])
@@ -59,11 +59,11 @@ def test_pixels_and_returns_are_those_of_rays_at_a_mesh(x, height):
     eye, xy = np.array([[0.0, 0.0, height]]), np.array([[x, 1.0]])
     mesh = box((0.02, *CHILD_M), (x, 1.0, CHILD_M[1] / 2))  # a board that faces the sensor
     tracer = RayTracer([TriangleScene([(box((1, 1, 1), (-50, 0, 0)), -1)]), TriangleScene([(mesh, 7)])])
-    for sensor, rays_at, count in (
-        (MODELS.camera_of(unit), camera_rays_at, camera_pixels),
-        (MODELS.lidar_of(unit), lidar_rays_at, lidar_returns),
+    for sensor, window, count in (
+        (MODELS.camera_of(unit), camera_window, camera_pixels),
+        (MODELS.lidar_of(unit), lidar_window, lidar_returns),
     ):
-        rays = rays_at(sensor, unit.world_from_unit, mesh).reshape(-1, 3)
+        rays = window(sensor, unit.world_from_unit, mesh).rays().reshape(-1, 3)
         cast = hits_on(tracer, eye[0], rays, 7, 1e6)
         one_row = CHILD_M[0] / x / (MODELS.azimuth_span / MODELS.columns) if count is lidar_returns else 30
         assert count(MODELS, eye, 0.0, unit.pitch_down_rad, xy, CHILD)[0] == pytest.approx(cast, rel=0.15, abs=one_row)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pcdet_avp.sim.actors import Car, Pedestrian, box_at, released, stands
+from pcdet_avp.sim.actors import Car, Pedestrian, box_at, mesh_at, released, stands
 from pcdet_avp.sim.meshes.car_spec import draw_car
 from pcdet_avp.sim.meshes.pedestrian_spec import draw_pedestrian
 from pcdet_avp.sim.trajectories import Pacing, Path, Route, Standing
@@ -13,7 +13,7 @@ from pcdet_avp.structures.pose import Pose
 def local_vertices(actor, time_s):
     """The mesh in the frame of the actor's label box, whose origin is on the floor."""
     box = box_at(actor, time_s)
-    return Pose.from_xyz_yaw(box[0], box[1], yaw=box[6]).inverse().apply(actor.mesh_at(time_s).vertices)
+    return Pose.from_xyz_yaw(box[0], box[1], yaw=box[6]).inverse().apply(mesh_at(actor, time_s).vertices)
 
 
 def test_a_turning_car_fills_its_label_box():

@@ -62,10 +62,10 @@ class LineOfSight:
 
     def _by_sensor(self, world: World, object_id: int, sensor_set: SensorSet) -> Iterator[bool | None]:
         """One sensor's verdict after the other, LiDARs first (they are asked fewer rays)."""
-        mesh = world.mesh_of(object_id)
+        outline = world.outline_of(object_id)
         for agent, rig, pose, _, has, _ in self._rig.placed_in(world):
             sight, used = world.sight_of(agent), [source for source in has if source in sensor_set.sources]
             if f"{agent}_lidar" in used:
-                yield sight.lidar_sees(rig.lidar, pose, mesh, object_id, RETURNS)
+                yield sight.lidar_sees(rig.lidar, pose, outline, object_id, RETURNS)
             if f"{agent}_camera" in used:
-                yield sight.camera_sees(rig.camera, pose, mesh, object_id, PIXELS)
+                yield sight.camera_sees(rig.camera, pose, outline, object_id, PIXELS)

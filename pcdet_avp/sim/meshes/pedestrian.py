@@ -1,8 +1,7 @@
 """The triangle mesh of a pedestrian on articulated legs and arms.
 
-Mesh frame: origin on the
-floor below the middle of the box, x where the person faces, z up; the lowest point is at z = 0 and the crown at
-``height`` in every phase of the gait.
+Mesh frame: origin on the floor below the middle of the box, x where the person faces, z up; the lowest point is at
+z = 0 and the crown at ``height`` in every phase of the gait.
 """
 
 from __future__ import annotations
@@ -22,8 +21,10 @@ def _body(spec: PedestrianSpec) -> PedestrianBody:
     return pedestrian_body(spec)
 
 
+@lru_cache(maxsize=64)
 def pedestrian_mesh(spec: PedestrianSpec, gait_phase: float, walking: bool) -> Mesh:
-    """The person at ``gait_phase`` (radians; 2 pi is two steps), or standing with a phase-dependent stance."""
+    """The person at ``gait_phase`` (radians; 2 pi is two steps), or standing with a phase-dependent stance; the last
+    ones are kept, as those who wait do not change."""
     body = _body(spec)
     rotation, shift = _bones(body, joint_angles(gait_phase, walking))
     vertices = np.einsum("vij,vj->vi", rotation[body.vertex_bone], body.vertices) + shift[body.vertex_bone]

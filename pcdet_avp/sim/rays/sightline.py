@@ -8,12 +8,14 @@ near the road user are left out beforehand: who is hidden altogether costs no sc
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numba
 import numpy as np
 
-from pcdet_avp.sim.meshes.mesh import Mesh
+from pcdet_avp.sim.rays.moved_scene import MovedScene
 from pcdet_avp.sim.rays.raytracer import FAR_M, RayTracer
 from pcdet_avp.sim.rays.triangle_scene import Sphere, TriangleScene, bounding_sphere, ray_arrays
 from pcdet_avp.structures.camera import PinholeCamera
@@ -26,35 +28,69 @@ CLEARANCE_M = 0.01  # kept between what hides a road user and the sphere around 
 COARSE = 4  # every fourth ray each way is cast first: that is often enough to know
 
 
-def camera_rays_at(camera: PinholeCamera, world_from_agent: Pose, mesh: Mesh) -> np.ndarray:
-    """(rows, columns, 3) world-frame rays, one metre along the optical axis, of the pixels whose centres lie within
-    the bounds of a mesh (world frame)."""
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """Where the mesh of a road user lies: its vertices (V, 3), world frame, and a sphere around them."""
+
+    vertices: np.ndarray
+
+    @cached_property
+    def sphere(self) -> Sphere:
+        return bounding_sphere(self.vertices)
+
+
+@dataclass(frozen=True, eq=False)
+class Window:
+    """The part of a sensor's lattice that falls into the bounds of a road user; its rays are made when asked.
+
+    ``make(rows, columns)`` gives (R, C, 3) float32 world-frame rays.
+    """
+
+    rows: np.ndarray
+    columns: np.ndarray
+    make: Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+    def __len__(self) -> int:
+        return len(self.rows) * len(self.columns)
+
+    def rays(self, step: int = 1) -> np.ndarray:
+        """(R, C, 3) of every ``step``-th row and column."""
+        return self.make(self.rows[::step], self.columns[::step])
+
+
+def camera_window(camera: PinholeCamera, world_from_agent: Pose, outline: Outline) -> Window:
+    """Of the pixels whose centres lie within the bounds of a road user; rays are one metre along the optical axis."""
     world_from_camera = world_from_agent @ camera.agent_from_camera
     to_world = world_from_camera.rotation @ np.linalg.inv(camera.intrinsics)
-    local = (mesh.vertices - world_from_camera.translation) @ world_from_camera.rotation
+
+    def make(rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        u, v = np.meshgrid(columns + 0.5, rows + 0.5)
+        return (np.stack([u, v, np.ones_like(u)], -1) @ to_world.T).astype(np.float32)
+
+    local = (outline.vertices - world_from_camera.translation) @ world_from_camera.rotation
     ahead = local[:, 2] > NEAR_M
     if not ahead.any():
-        return np.zeros((0, 0, 3), np.float32)
+        return Window(np.zeros(0), np.zeros(0), make)
     uv = local[ahead, :2] / local[ahead, 2:] * [camera.fx, camera.fy] + [camera.cx, camera.cy]
     low, high = uv.min(0), uv.max(0)
-    if (
-        not ahead.all()
-    ):  # it reaches behind the camera: past the picture's border, on whichever sides its visible part is
+    if not ahead.all():  # it reaches behind the camera: past the border, on whichever sides its visible part is
         middle = np.array([camera.cx, camera.cy])
         low, high = np.where(low < middle, -np.inf, low), np.where(high > middle, np.inf, high)
     (u0, v0), (u1, v1) = np.clip([low, high], 0, [camera.width, camera.height])
     columns, rows = (np.arange(np.ceil(a - 0.5), np.floor(b - 0.5) + 1) for a, b in ((u0, u1), (v0, v1)))
-    u, v = np.meshgrid(columns + 0.5, rows + 0.5)
-    return (np.stack([u, v, np.ones_like(u)], -1) @ to_world.T).astype(np.float32)
+    return Window(rows, columns, make)
 
 
-def lidar_rays_at(lidar: LidarModel, world_from_agent: Pose, mesh: Mesh) -> np.ndarray:
-    """(beams, columns, 3) world-frame unit rays within the bounds of a mesh (world frame)."""
+def lidar_window(lidar: LidarModel, world_from_agent: Pose, outline: Outline) -> Window:
+    """Of the unit rays (beams, columns) within the bounds of a road user."""
     world_from_lidar = world_from_agent @ lidar.agent_from_lidar
-    local = (mesh.vertices - world_from_lidar.translation) @ world_from_lidar.rotation
+
+    def make(beams: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        return lidar.directions()[beams[:, None], columns] @ world_from_agent.rotation.T.astype(np.float32)
+
+    local = (outline.vertices - world_from_lidar.translation) @ world_from_lidar.rotation
     azimuth, elevation = np.arctan2(local[:, 1], local[:, 0]), np.arctan2(local[:, 2], np.hypot(*local[:, :2].T))
-    beams, columns = _between(lidar.elevations, elevation), _between(lidar.azimuths, azimuth)
-    return lidar.directions()[beams[:, None], columns] @ world_from_agent.rotation.T.astype(np.float32)
+    return Window(_between(lidar.elevations, elevation), _between(lidar.azimuths, azimuth), make)
 
 
 def _between(lattice: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -89,50 +125,43 @@ class Sight:
     def __init__(
         self,
         standing: TriangleScene,
-        moving: Callable[[], TriangleScene],
-        ego: tuple[Sphere, Callable[[], TriangleScene]] | None = None,
+        moving: Callable[[], Sequence[MovedScene]],
     ) -> None:
-        """``moving`` and ``ego`` build scenes; the ego's is asked where a ray meets its bounding sphere. None: it is
-        in nobody's way."""
-        self._standing, self._moving, self._ego = standing, moving, ego
+        """``moving`` gives a scene of each one who moves; it is asked when rays come near one of them."""
+        self._standing, self._moving = standing, moving
 
     def camera_sees(
-        self, camera: PinholeCamera, world_from_agent: Pose, mesh: Mesh, object_id: int, pixels: int
+        self, camera: PinholeCamera, world_from_agent: Pose, outline: Outline, object_id: int, pixels: int
     ) -> bool | None:
         """Whether a camera has ``pixels`` on a road user; None where its picture has not room for so many."""
         eye = (world_from_agent @ camera.agent_from_camera).translation
-        rays = camera_rays_at(camera, world_from_agent, mesh)
-        return self._sees(eye, rays, mesh, object_id, float(FAR_M), pixels)
+        window = camera_window(camera, world_from_agent, outline)
+        return self._sees(eye, window, outline.sphere, object_id, float(FAR_M), pixels)
 
     def lidar_sees(
-        self, lidar: LidarModel, world_from_agent: Pose, mesh: Mesh, object_id: int, returns: int
+        self, lidar: LidarModel, world_from_agent: Pose, outline: Outline, object_id: int, returns: int
     ) -> bool | None:
         """Whether a LiDAR that drops nothing has so many returns; None where its beams have not room for so many."""
         origin = (world_from_agent @ lidar.agent_from_lidar).translation
-        rays = lidar_rays_at(lidar, world_from_agent, mesh)
-        return self._sees(origin, rays, mesh, object_id, MAX_RANGE_M, returns)
+        window = lidar_window(lidar, world_from_agent, outline)
+        return self._sees(origin, window, outline.sphere, object_id, MAX_RANGE_M, returns)
 
-    def _sees(self, origin, rays: np.ndarray, mesh: Mesh, object_id: int, limit: float, needed: int) -> bool | None:
+    def _sees(self, origin, window: Window, sphere: Sphere, object_id: int, limit: float, needed: int) -> bool | None:
         """A part of the rays is enough where it holds the needed hits; else all are counted."""
-        count = rays.shape[0] * rays.shape[1]
-        if count < needed:
+        if len(window) < needed:
             return None
-        for part in (rays[::COARSE, ::COARSE], rays) if count > COARSE**2 * needed else (rays,):
-            free = self._unhindered(origin, np.ascontiguousarray(part).reshape(-1, 3), mesh)
-            if len(free) >= needed and hits_on(self._tracer(origin, free), origin, free, object_id, limit) >= needed:
+        for step in (COARSE, 1) if len(window) > COARSE**2 * needed else (1,):
+            free = self._unhindered(origin, window.rays(step).reshape(-1, 3), sphere)
+            if len(free) >= needed and hits_on(self._tracer(), origin, free, object_id, limit) >= needed:
                 return True
         return False
 
-    def _tracer(self, origin: np.ndarray, rays: np.ndarray) -> RayTracer:
-        """Of all that may be met by the rays."""
-        scenes = [self._standing, self._moving()]
-        if self._ego is not None and len(_ways_to_sphere(rays, *_as_seen_from(origin, self._ego[0]))[0]):
-            scenes.append(self._ego[1]())
-        return RayTracer(scenes)
+    def _tracer(self) -> RayTracer:
+        return RayTracer([self._standing, *self._moving()])
 
-    def _unhindered(self, origin: np.ndarray, rays: np.ndarray, mesh: Mesh) -> np.ndarray:
-        """The rays (n, 3) that come as far as the sphere around a mesh; all that may meet it first are among them."""
-        near, until = _ways_to_sphere(rays, *_as_seen_from(origin, bounding_sphere(mesh)))
+    def _unhindered(self, origin: np.ndarray, rays: np.ndarray, sphere: Sphere) -> np.ndarray:
+        """The rays (n, 3) that come as far as a road user's sphere; all that may meet it first are among them."""
+        near, until = _ways_to_sphere(rays, *_as_seen_from(origin, sphere))
         origins, directions, limits = ray_arrays(np.float32(origin), rays[near], until)
         return directions[~self._standing.blocks(origins, directions, limits)] if len(near) else directions
 

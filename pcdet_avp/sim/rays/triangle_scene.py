@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numba
 import numpy as np
@@ -28,11 +29,16 @@ class TriangleScene:
         counts = [len(mesh.faces) for mesh, _ in parts]
         self.instance = np.repeat(np.array([number for _, number in parts], np.int32), counts)
         self.colors, self.materials, self.normals = self.mesh.colors, self.mesh.materials, self.mesh.normals
-        self._spheres = np.array([bounding_sphere(mesh) for mesh, _ in parts], np.float32).reshape(-1, 4)
+        self._spheres = np.array([bounding_sphere(mesh.vertices) for mesh, _ in parts], np.float32).reshape(-1, 4)
         self.standing = StandingViews()
-        self._embree = EmbreeScene()
+
+    @cached_property
+    def _embree(self) -> EmbreeScene:
+        """Filled when the first ray is cast."""
+        scene = EmbreeScene()
         if len(self.mesh.faces):
-            TriangleMesh(self._embree, self.mesh.vertices, self.mesh.faces)
+            TriangleMesh(scene, self.mesh.vertices, self.mesh.faces)
+        return scene
 
     def __len__(self) -> int:
         return len(self.mesh.faces)
@@ -68,11 +74,11 @@ class TriangleScene:
         return self._embree.run(origins, directions, dists=limits, query="OCCLUDED") == 0
 
 
-def bounding_sphere(mesh: Mesh) -> Sphere:
-    """Centre and radius about the middle of the mesh's box, a little too large."""
-    low, high = mesh.vertices.min(0), mesh.vertices.max(0)
+def bounding_sphere(vertices: np.ndarray) -> Sphere:
+    """Centre and radius about the middle of the box around vertices (V, 3), a little too large."""
+    low, high = vertices.min(0), vertices.max(0)
     centre = (low + high) / 2
-    radius = np.sqrt(((mesh.vertices - centre) ** 2).sum(1).max())
+    radius = np.sqrt(((vertices - centre) ** 2).sum(1).max())
     return (*centre, 1.001 * radius + 1e-3)
 
 
