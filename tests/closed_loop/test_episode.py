@@ -3,12 +3,15 @@
 import numpy as np
 import pytest
 
-from pcdet_avp.closed_loop.episode import run_episode
+from pcdet_avp.closed_loop.driver import Driver
+from pcdet_avp.closed_loop.episode import Episode, run_episode
 from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
 from pcdet_avp.closed_loop.perception.oracle import AlwaysSlow, Blind, Oracle
 from pcdet_avp.closed_loop.perception.perceiver import PerceiverSettings
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.sim.dynamics import LongitudinalModel
+from pcdet_avp.sim.scenarios.table import draw_scenario
+from pcdet_avp.structures.boxes import transform_boxes
 from pcdet_avp.structures.sensor_set import SensorSet
 
 COMBO = SensorSet.parse("CL+CL")
@@ -165,3 +168,21 @@ class TestGauges:
 def test_wrong_settings_name_the_key(cfg, named):
     with pytest.raises(ConfigError, match=named):
         EpisodeSettings.from_config(cfg)
+
+
+@pytest.mark.parametrize(("name", "least"), [("t_junction", 1), ("pedestrian_late", 2)])
+def test_who_is_left_out_of_the_truth_never_changes_what_it_asks_for(name, least):
+    scenario = draw_scenario(name, 1, 0, 8.0)
+    episode = Episode(scenario, oracle(), COMBO)
+    matter, world, asked = episode._matter, scenario.world(), []
+    assert least <= matter.sum() < len(matter) / 2
+    for step in range(12):  # from far before the first gap or zone to beyond it
+        way = scenario.first_x - 50.0 + 5.0 * step
+        world.advance_to(max(way - scenario.ego_start_x, 0.0) / 8.0)
+        world.set_ego(*scenario.ego_pose(way))
+        users, ego = world.road_users(), world.world_from_ego
+        boxes = transform_boxes(ego.inverse(), users.boxes)
+        by_all, by_some = (Driver.for_episode(scenario, EpisodeSettings()) for _ in range(2))
+        asked.append(by_all.decide(boxes, users.names, ego))
+        assert by_some.decide(boxes[matter], users.names[matter], ego) == asked[-1]
+    assert min(asked) < 8.0
