@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -96,6 +97,15 @@ def read_manifest(root: str | Path) -> Manifest:
         package_version=top.get("package_version", "unknown").of(str),
         class_names=_class_names(top["class_names"]),
     )
+
+
+def manifest_hash(root: str | Path) -> str:
+    """SHA-256 of ``dataset.json``, which tells data sets apart whose frames have the same names."""
+    file = Path(root) / MANIFEST_FILE
+    try:
+        return hashlib.sha256(file.read_bytes()).hexdigest()
+    except OSError as error:
+        raise RecordError(f"{file}: cannot be read ({error.strerror})") from error
 
 
 def _scenes(entries: Field) -> tuple[Scene, ...]:
