@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from pcdet_avp.config import plain, require
 from pcdet_avp.config_scenes import scene_config
-from pcdet_avp.datasets.avp.claim import claim
+from pcdet_avp.datasets.avp.claim import claimed
 from pcdet_avp.datasets.avp.manifest import Manifest, Scene, write_manifest
 from pcdet_avp.datasets.avp.record import has_frame, read_frame, write_frame
 from pcdet_avp.datasets.avp.splits import assign_splits, split_shares
@@ -52,11 +52,19 @@ def generate(
 ) -> Manifest:
     """Make, or finish, the data set that ``data_cfg`` (DATA_CONFIG) describes below ``root``.
 
-    ``frames`` and ``seed`` override the configuration. Raises RecordError where ``root`` holds another data set or
-    cannot be written, ConfigError where the configuration is incomplete.
+    ``frames`` and ``seed`` override the configuration. Raises RecordError where ``root`` holds another data set, is
+    being written by another process, or cannot be written, ConfigError where the configuration is incomplete.
     """
     manifest = plan(data_cfg, frames, seed)
-    claim(root, manifest)
+    with claimed(root, manifest):
+        _make_scenes(root, manifest, workers, scheduler)
+        manifest = replace(manifest, complete=True)
+        write_manifest(root, manifest)
+    return manifest
+
+
+def _make_scenes(root: Path, manifest: Manifest, workers: int, scheduler: str | None) -> None:
+    """Make the frames that are not there yet."""
     jobs = [
         SceneJob(str(root), number, scene, manifest.seed, manifest.generator)
         for number, scene in enumerate(manifest.scenes)
@@ -67,9 +75,6 @@ def generate(
     with tqdm(total=total, initial=total - missing, unit="frame", desc=f"making {root}", smoothing=0.1) as bar:
         for made in run_tasks(make_scene, jobs, workers, scheduler):
             bar.update(made)
-    manifest = replace(manifest, complete=True)
-    write_manifest(root, manifest)
-    return manifest
 
 
 def plan(data_cfg: Mapping, frames: int | None = None, seed: int | None = None) -> Manifest:
