@@ -49,13 +49,11 @@ class BenchmarkResult:
         return "\n\n".join([protocol, *parts, "\n".join(self.gains)]).rstrip()
 
     def write(self, folder: Path, json_file: Path | None = None, save_to_file: bool = False) -> None:
-        """``result.json``, ``table.md``, details and detections into a folder; the JSON also to a file of its own.
+        """``table.md``, details, detections and ``result.json`` into a folder; the JSON also to a file of its own.
 
-        ``save_to_file``: the detections of every frame as text, too, in ``final_result/<combination>/``.
+        ``save_to_file``: the detections of every frame as text, too, in ``final_result/<combination>/``. Where
+        ``result.json`` is, everything is: it is written last.
         """
-        content = {"meta": self.meta, "rows": self.rows}
-        for file in filter(None, (folder / "result.json", json_file)):
-            write_json(file, content)
         write_text(folder / "table.md", self.tables + "\n")
         details = [f"## {combo}\n\n```\n{text}\n```\n" for combo, text in self.texts.items()]
         write_text(folder / "details.md", "\n".join(details))
@@ -63,6 +61,9 @@ class BenchmarkResult:
             write_detections(folder / "detections" / f"{combo}.npz", detections)
             if save_to_file:
                 write_texts(folder / "final_result" / combo, detections)
+        content = {"meta": self.meta, "rows": self.rows}
+        for file in filter(None, (folder / "result.json", json_file)):
+            write_json(file, content)
 
 
 def load_network(
