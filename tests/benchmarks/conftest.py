@@ -15,7 +15,9 @@ def load_benchmark():
     def load(name):
         spec = importlib.util.spec_from_file_location(name, ROOT / "benchmarks" / f"{name}.py")
         module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.syspath_prepend(str(ROOT / "benchmarks"))  # scripts share helpers
+            spec.loader.exec_module(module)
         return module
 
     return load
