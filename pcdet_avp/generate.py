@@ -7,7 +7,6 @@ worker changes no byte. Frames that are already there are kept, so the same call
 from __future__ import annotations
 
 import hashlib
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,9 +17,8 @@ from tqdm import tqdm
 from pcdet_avp.config import plain, require
 from pcdet_avp.config_scenes import scene_config
 from pcdet_avp.datasets.avp.claim import claimed
-from pcdet_avp.datasets.avp.manifest import Manifest, Scene, write_manifest
+from pcdet_avp.datasets.avp.manifest import Manifest, Scene, planned_scenes, write_manifest
 from pcdet_avp.datasets.avp.record import has_frame, read_frame, write_frame
-from pcdet_avp.datasets.avp.splits import assign_splits, split_shares
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.parallel import run_tasks
 from pcdet_avp.sim.plans.read import read_plan
@@ -94,11 +92,7 @@ def plan(data_cfg: Mapping, frames: int | None = None, seed: int | None = None) 
     seed = require(settings, "SEED", int) if seed is None else seed
     scene_config(settings)
     captured_sources(settings)
-    names = [f"{number:04d}" for number in range(math.ceil(total / per_scene))]
-    splits = assign_splits(names, seed, *split_shares(settings))
-    frame_names = [f"{number:03d}" for number in range(per_scene)]
-    scenes = [Scene(n, splits[n], tuple(frame_names[: total - i * per_scene])) for i, n in enumerate(names)]
-    return Manifest(tuple(scenes), complete=False, seed=seed, generator=made_by)
+    return Manifest(planned_scenes(settings, seed, total), complete=False, seed=seed, generator=made_by)
 
 
 def captured_sources(settings: Mapping) -> tuple[str, ...]:

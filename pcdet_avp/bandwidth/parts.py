@@ -18,16 +18,18 @@ from pcdet_avp.bandwidth.frame_runner import FrameResult
 from pcdet_avp.bandwidth.late_fusion import Boxes
 from pcdet_avp.bandwidth.transmit import Sent
 from pcdet_avp.config import config_hash
-from pcdet_avp.datasets.avp.manifest import manifest_hash
+from pcdet_avp.datasets.avp.manifest import MANIFEST_FILE, manifest_hash
 from pcdet_avp.files import flat_name, write_bytes
 
 
 def key_of(cfg: Mapping, data_root: Path, weights: str, *conditions: Any) -> str:
     """Eight digits that change with anything that changes the result of a frame; for the name of a folder.
 
-    The configuration's hash does not tell where the data lie, and frames of two data sets have the same names.
+    The configuration's hash does not tell where the data lie, and frames of two data sets have the same names. Data
+    without a manifest are known by their place.
     """
-    known = config_hash(cfg), manifest_hash(data_root), weights, conditions
+    data = manifest_hash(data_root) if (data_root / MANIFEST_FILE).exists() else str(data_root.absolute())
+    known = config_hash(cfg), data, weights, conditions
     return hashlib.sha256(repr(known).encode()).hexdigest()[:8]
 
 

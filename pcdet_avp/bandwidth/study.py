@@ -93,7 +93,7 @@ def run_study(
     points = make_plan(options.studies, precision, budget, size)
     check_message_classes(points, dataset.class_names)
     chosen, labels = choose_frames(dataset.frame_ids, options.every, options.frames), [point.label for point in points]
-    parts = Parts(folder / f"frames_{_key(cfg, dataset, weights, points, options)}", options.combos, labels)
+    parts = Parts(folder / f"frames_{_key(cfg, weights, points, options)}", options.combos, labels)
     held = {index: parts.load(dataset.frame_ids[index]) for index in chosen}
     missing = [index for index, result in held.items() if result is None]
     if len(missing) < len(chosen):
@@ -122,8 +122,9 @@ def _computed(runner, dataset, missing, total, ranks, workers) -> Iterator[tuple
             bar.update(1)
 
 
-def _key(cfg: Mapping, dataset: Any, weights: str, points: Sequence[StudyPoint], options: StudyOptions) -> str:
-    return key_of(cfg, dataset.root_path, weights, git_commit(), points, options.combos, options.mcs, options.seed)
+def _key(cfg: Mapping, weights: str, points: Sequence[StudyPoint], options: StudyOptions) -> str:
+    root = Path(cfg["DATA_CONFIG"]["DATA_PATH"])
+    return key_of(cfg, root, weights, git_commit(), points, options.combos, options.mcs, options.seed)
 
 
 def precision_of(model: nn.Module) -> str:

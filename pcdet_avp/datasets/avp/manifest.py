@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import hashlib
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from pcdet_avp import __version__
 from pcdet_avp.datasets.avp.fields import Field, write_record_json
@@ -28,6 +31,15 @@ class Scene:
     @property
     def frame_ids(self) -> list[str]:
         return [f"{self.name}/{frame}" for frame in self.frames]
+
+
+def planned_scenes(generate: Mapping[str, Any], seed: int, frames: int) -> tuple[Scene, ...]:
+    """The scenes of a data set of so many frames that GENERATE describes, each with its split."""
+    per_scene = generate["FRAMES_PER_SCENE"]
+    names = [f"{number:04d}" for number in range(math.ceil(frames / per_scene))]
+    splits = assign_splits(names, seed, *split_shares(generate))
+    frame_names = [f"{number:03d}" for number in range(per_scene)]
+    return tuple(Scene(n, splits[n], tuple(frame_names[: frames - i * per_scene])) for i, n in enumerate(names))
 
 
 @dataclass(frozen=True)
