@@ -17,6 +17,8 @@ from pcdet_avp.datasets.avp.manifest import MANIFEST_FILE, Manifest, planned_sce
 from pcdet_avp.datasets.avp.splits import BY_SCENE, protocol_of
 from pcdet_avp.errors import CheckpointError
 
+TRAIN = "train"
+
 
 def check_same_split(content: Mapping[str, Any], dataset_cfg: Mapping[str, Any], path: str | os.PathLike) -> None:
     """CheckpointError where a checkpoint was trained on the data of DATA_CONFIG, split by the other protocol.
@@ -37,9 +39,11 @@ def check_same_split(content: Mapping[str, Any], dataset_cfg: Mapping[str, Any],
 
 def seen_before(content: Mapping[str, Any], dataset: Any) -> str:
     """A sentence that says how many frames of a data set's split are of scenes that a checkpoint was trained on in a
-    data set of another size; empty where none is, and where the files do not tell."""
+    data set of another size; empty where none is, where the files do not tell, and for the training split."""
     root = getattr(dataset, "root_path", None)
     if root is None or not (Path(root) / MANIFEST_FILE).exists():  # a data set class of the user's own
+        return ""
+    if dataset.split == TRAIN:
         return ""
     frames, trained = dataset.frame_ids, _trained_on(content, read_manifest(root))
     seen = sum(frame_id in trained or frame_id.partition("/")[0] in trained for frame_id in frames)
@@ -58,11 +62,9 @@ def _trained_on(content: Mapping[str, Any], manifest: Manifest) -> set[str]:
     if not generate or "GENERATE" not in manifest.generator or not describes(theirs, manifest):
         return set()
     scenes = planned_scenes(generate, manifest.seed, generate["SCENES"] * generate["FRAMES_PER_SCENE"])
-    planned, protocol = (
-        Manifest(scenes, seed=manifest.seed, generator={"GENERATE": dict(generate)}),
-        protocol_of(theirs),
-    )
-    frames = planned.frame_ids("train", protocol)
+    planned = Manifest(scenes, seed=manifest.seed, generator={"GENERATE": dict(generate)})
+    protocol = protocol_of(theirs)
+    frames = planned.frame_ids(TRAIN, protocol)
     if (content.get("sampler") or {}).get("samples", len(frames)) != len(frames):
         return set()  # its data had another size than its configuration says (tools/create_data.py --frames)
     return {frame.partition("/")[0] for frame in frames} if protocol == BY_SCENE else set(frames)

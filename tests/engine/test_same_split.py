@@ -78,6 +78,7 @@ def test_a_smaller_data_set_of_the_same_seed_tests_on_scenes_that_were_trained_o
     assert sentence.startswith("5 of the 5 frames of split 'test' are of scenes that these weights were TRAINED on")
     assert not seen_before(trained_on(cfg, SCENES=240), split_of(cfg, "val"))  # scene 0, tested on by both
     assert not seen_before(trained_on(cfg), split_of(cfg, "test"))
+    assert not seen_before(trained_on(cfg), split_of(cfg, "train"))  # whoever tests on it knows
     assert not seen_before(trained_on(cfg, SCENES=240, SEED=7), split_of(cfg, "test"))  # other scenes
     assert not seen_before({"config": None}, split_of(cfg, "test"))
 
