@@ -9,16 +9,20 @@ from ``default`` in what ``ROWS`` says and in nothing else. Every map goes throu
 AP of each seed and the paired difference to ``default`` of the same seed, with its 95 % interval over scenes.
 
 ``early_fusion`` merges the roadside's cloud into the vehicle's before its encoder, which sees other clouds than it was
-trained with and is therefore trained, too; no bytes count, the roadside's camera is not used: a bound, not a method.
+trained with and is therefore trained, too; no bytes count, and the roadside sends nothing else: a bound, not a method.
+Without a LiDAR on both sides it is the vehicle alone.
 Boxes sent instead of maps (late fusion) need no training: see tools/bandwidth_report.py and
 docs/results/cp_small_late_fusion.md.
 
-Resumable: rows that are done are read again, a row that was interrupted goes on. Writes ablations.json, ablations.md.
+Resumable: rows that are done are read again, a row that was interrupted goes on; rows and seeds may be added, but the
+folder belongs to one configuration, data set, F, split, list of combinations and number of epochs (asked.json).
+Writes ablations.json, ablations.md.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import time
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
@@ -28,8 +32,10 @@ from pathlib import Path
 import numpy as np
 
 from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
+from pcdet_avp.config import config_hash
 from pcdet_avp.datasets import build_dataset
 from pcdet_avp.datasets.avp.avp_dataset import AvpDataset
+from pcdet_avp.datasets.avp.manifest import manifest_hash
 from pcdet_avp.datasets.avp.splits import SPLITS
 from pcdet_avp.engine import checkpoint, distributed
 from pcdet_avp.engine.outputs import RunFolder, open_log
@@ -68,22 +74,17 @@ ROWS: dict[str, dict[str, object]] = {  # what a row changes, by dotted key
 }
 
 
-@DATASETS.register("MergedClouds")
 class MergedClouds(AvpDataset):
-    """The vehicle's cloud with the roadside's in it, moved by the true pose; the roadside itself sends nothing."""
+    """The vehicle's cloud, if any, with the roadside's in it, moved by the true pose; the roadside sends nothing."""
 
     def read(self, index: int, sensor_set: SensorSet) -> Frame:
         frame = super().read(index, sensor_set)
-        if frame.infra.points is None or frame.ego.points is None:
-            return frame
-        moved = frame.infra.points.copy()
-        moved[:, :3] = frame.ego_from_infra.apply(moved[:, :3])
-        merged = np.concatenate([frame.ego.points, moved.astype(frame.ego.points.dtype)])
-        return replace(
-            frame,
-            ego=replace(frame.ego, points=merged, scan=None),
-            infra=replace(frame.infra, image=None, depth=None, points=None, scan=None),
-        )
+        ego = frame.ego
+        if frame.infra.points is not None and ego.points is not None:
+            moved = frame.infra.points.copy()
+            moved[:, :3] = frame.ego_from_infra.apply(moved[:, :3])
+            ego = replace(ego, points=np.concatenate([ego.points, moved.astype(ego.points.dtype)]), scan=None)
+        return replace(frame, ego=ego, infra=replace(frame.infra, image=None, depth=None, points=None, scan=None))
 
 
 def parse_arguments() -> argparse.Namespace:
@@ -119,6 +120,27 @@ def changed(cfg: Mapping, row: str, epochs: int) -> Mapping:
             holder = holder[part]
         holder[last] = deepcopy(value)
     return own
+
+
+def claim(folder: Path, asked: Mapping[str, object]) -> None:
+    """Note what the rows of a folder follow from; ConfigError where it holds those of something else."""
+    file = folder / "asked.json"
+    if file.exists():
+        held = json.loads(file.read_text(encoding="utf-8"))
+        for key, value in asked.items():
+            if held.get(key) != value:
+                raise ConfigError(
+                    f"{file}: {key}: holds rows of {held.get(key)!r}, this run asks for {value!r}; choose another --out"
+                )
+    write_json(file, asked)
+
+
+def asked_of(cfg: Mapping, args: argparse.Namespace) -> dict[str, object]:
+    """All that every row follows from, beside its name and seed."""
+    weights = checkpoint.weights_hash(read_checkpoint(args.ckpt)["model_state"])
+    data = manifest_hash(cfg.DATA_CONFIG.DATA_PATH)
+    asked = {"config_hash": config_hash(cfg), "data": data, "weights": weights, "epochs": args.epochs}
+    return asked | {"split": args.split, "combos": args.combos}
 
 
 def encoders_of(ckpt: Path, out: Path) -> Path:
@@ -183,7 +205,9 @@ def main() -> None:
     args, started = parse_arguments(), time.time()
     cfg, ranks = load_arguments_config(args), distributed.start(device="cpu")
     args.name, args.out = Path(args.cfg).stem, args.out or RunFolder.of(args.cfg).root / "ablations"
+    DATASETS.register("MergedClouds")(MergedClouds)
     make_folder(args.out)
+    claim(args.out, asked_of(cfg, args))
     logger = open_log(args.out, "ablations")
     start = encoders_of(args.ckpt, args.out)
     found = {}

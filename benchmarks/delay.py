@@ -12,7 +12,6 @@ Writes delay.json, delay.md and a plot; the same command goes on where it stoppe
 
 from __future__ import annotations
 
-import hashlib
 import logging
 from argparse import Namespace
 from collections.abc import Iterator
@@ -22,6 +21,7 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 import torch
+from frame_study import FrameStudy
 from tqdm import tqdm
 
 matplotlib.use("Agg")
@@ -33,22 +33,17 @@ from pcdet_avp.bandwidth.parts import Parts
 from pcdet_avp.bandwidth.rows import Evaluator
 from pcdet_avp.bandwidth.study import choose_frames
 from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
-from pcdet_avp.datasets import build_dataset
 from pcdet_avp.datasets.avp.collate import collate, load_batch
 from pcdet_avp.datasets.avp.manifest import read_manifest
 from pcdet_avp.datasets.avp.prepare import prepare
-from pcdet_avp.engine import checkpoint, distributed
-from pcdet_avp.engine.outputs import RunFolder, open_log
+from pcdet_avp.datasets.avp.splits import SPLITS
 from pcdet_avp.engine.testing.detect import parse_combos
-from pcdet_avp.engine.testing.run import load_network
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.evaluation.average_precision import LOOSE_IOU, STRICT_IOU
 from pcdet_avp.evaluation.benchmark_table import markdown_table
-from pcdet_avp.files import make_folder, write_json, write_text
 from pcdet_avp.generate import scene_config
 from pcdet_avp.link import NrV2xConfig, decode
 from pcdet_avp.models.detectors.split_inference import RoadsideHalf, VehicleHalf
-from pcdet_avp.provenance import provenance
 from pcdet_avp.sim.rig import Rig, capture
 from pcdet_avp.sim.scenarios.training_scene import TrainingScene, draw_training_scene
 from pcdet_avp.structures.frame import Frame
@@ -90,7 +85,7 @@ class Past:
 def parse_arguments() -> Namespace:
     parser = config_parser("AP against the age of the roadside's maps.", weights=True)
     parser.add_argument("--ckpt", type=Path, required=True)
-    parser.add_argument("--split", default="test")
+    parser.add_argument("--split", choices=SPLITS, default="test")
     parser.add_argument("--every", type=int, default=1, metavar="N", help="every N-th frame of each scene")
     parser.add_argument("--frames", type=int, metavar="N", help="only the first N of those")
     parser.add_argument("--combos", default="C+CL,CL+CL")
@@ -226,28 +221,23 @@ def plot(rows: list[dict], config: str, file: Path) -> None:
 
 def main() -> None:
     args = parse_arguments()
-    cfg, ranks, name = load_arguments_config(args), distributed.start(device="cpu"), Path(args.cfg).stem
-    out = args.out or RunFolder.of(args.cfg).root / "delay"
-    make_folder(out)
-    logger = open_log(out, "delay")
-    dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split=args.split, logger=logger)
-    model, content = load_network(cfg, args.ckpt, dataset, ranks, logger)
-    weights = checkpoint.weights_hash(content["model_state"])
-    truths, longest_s = dataset.ground_truths(), 1e-3 * max(args.delays_ms)
-    began = [i for i in range(len(dataset)) if dataset.read(i, SensorSet(*[False] * 4)).time_s >= longest_s]
-    chosen = [began[i] for i in choose_frames([dataset.frame_ids[i] for i in began], args.every, args.frames)]
-    key = hashlib.sha256(repr((weights, args.combos, conditions(args))).encode()).hexdigest()[:8]
-    parts = Parts(out / f"frames_{key}", parse_combos(args.combos), [label(*known) for known in conditions(args)])
-    network = Network(model, dataset, ranks.device)
+    study = FrameStudy.open("delay", load_arguments_config(args), args)
+    dataset, truths = study.dataset, study.dataset.ground_truths()
+    chosen = with_a_past(dataset, args)
+    folder = study.frames_folder(args.combos, conditions(args))
+    parts = Parts(folder, parse_combos(args.combos), [label(*known) for known in conditions(args)])
+    network = Network(study.model, dataset, study.ranks.device)
     found = list(results(args, network, Past(dataset.root_path), parts, chosen))
     evaluator = Evaluator([truths[i] for i in chosen], dataset.regions(), dataset.class_names, seed=0)
-    rows = rows_of(args, evaluator, found)
-    meta = provenance(cfg, name, seed=0, weights_hash=weights) | {"checkpoint": args.ckpt.name, "frames": len(chosen)}
-    title = f"Delay of the roadside's maps, {name}, {args.ckpt.name}, {len(chosen)} frames of {args.split}"
-    plot(rows, name, out / "delay.png")
-    write_json(out / "delay.json", {"meta": meta, "rows": rows})
-    write_text(out / "delay.md", table(rows, title) + "\n")
-    print(f"\n{table(rows, title)}\n\nwritten to {out}")
+    title = study.title("Delay of the roadside's maps", len(chosen))
+    study.write(title, rows_of(args, evaluator, found), table, plot, len(chosen))
+
+
+def with_a_past(dataset, args: Namespace) -> list[int]:
+    """The frames that are asked for, of those that lie late enough in their scene for the longest delay."""
+    longest_s = 1e-3 * max(args.delays_ms)
+    began = [i for i in range(len(dataset)) if dataset.read_labels(i).time_s >= longest_s]
+    return [began[i] for i in choose_frames([dataset.frame_ids[i] for i in began], args.every, args.frames)]
 
 
 if __name__ == "__main__":

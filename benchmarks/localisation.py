@@ -20,24 +20,19 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
+from frame_study import FrameStudy
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
 from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
-from pcdet_avp.datasets import build_dataset
 from pcdet_avp.datasets.avp.splits import SPLITS
-from pcdet_avp.engine import checkpoint, distributed
-from pcdet_avp.engine.outputs import RunFolder, open_log
 from pcdet_avp.engine.testing.detect import detect, parse_combos
-from pcdet_avp.engine.testing.run import load_network
 from pcdet_avp.evaluation import Detections, GroundTruth, Region
 from pcdet_avp.evaluation.average_precision import STRICT_IOU
 from pcdet_avp.evaluation.benchmark_table import markdown_table
 from pcdet_avp.evaluation.inputs import wedge_rows
-from pcdet_avp.files import make_folder, write_json, write_text
 from pcdet_avp.models.weights.checkpoint_file import THRESHOLDS_KEY
-from pcdet_avp.provenance import provenance
 from pcdet_avp.visualization.palette import INFRA_INKS
 
 MAX_APART_M = 2.0
@@ -154,26 +149,16 @@ def plot(rows: Sequence[dict], config: str, file: Path) -> None:
 
 def main() -> None:
     args = parse_arguments()
-    cfg, ranks, name = load_arguments_config(args), distributed.start(), Path(args.cfg).stem
-    out = args.out or RunFolder.of(args.cfg).root / "localisation"
-    make_folder(out)
-    logger = open_log(out, "localisation")
-    dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split=args.split, logger=logger)
-    model, content = load_network(cfg, args.ckpt, dataset, ranks, logger)
-    thresholds = content.get(THRESHOLDS_KEY) or {}
-    found, rows = detect(model, dataset, parse_combos(args.combos), ranks, workers=args.workers), []
+    study = FrameStudy.open("localisation", load_arguments_config(args), args, device=None)
+    dataset, thresholds = study.dataset, study.content.get(THRESHOLDS_KEY) or {}
+    found, rows = detect(study.model, dataset, parse_combos(args.combos), study.ranks, workers=args.workers), []
     truths, region = dataset.ground_truths(), dataset.regions()[0]
     for combo, detections in found.detections.items():
         for class_name in dataset.class_names:
             least = float(thresholds.get(class_name, 0.0))
             rows += rows_of(combo, class_name, collect(truths, detections, region, class_name, least))
-    meta = provenance(cfg, name, seed=0, weights_hash=checkpoint.weights_hash(content["model_state"]))
-    meta |= {"checkpoint": args.ckpt.name, "frames": len(dataset), "score_thresholds": dict(thresholds)}
-    title = f"Localisation, {name}, {args.ckpt.name}, {len(dataset)} frames of {args.split}, region {region.name}"
-    plot(rows, name, out / "localisation.png")
-    write_json(out / "localisation.json", {"meta": meta, "rows": rows})
-    write_text(out / "localisation.md", table(rows, title) + "\n")
-    print(f"\n{table(rows, title)}\n\nwritten to {out}")
+    title = study.title("Localisation", len(dataset)) + f", region {region.name}"
+    study.write(title, rows, table, plot, len(dataset), score_thresholds=dict(thresholds))
 
 
 if __name__ == "__main__":

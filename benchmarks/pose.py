@@ -13,7 +13,6 @@ Writes pose.json, pose.md and a plot; the same command goes on where it stopped.
 from __future__ import annotations
 
 import argparse
-import hashlib
 import json
 import time
 import zlib
@@ -25,6 +24,7 @@ from typing import NamedTuple
 import matplotlib
 import numpy as np
 import torch
+from frame_study import FrameStudy
 from torch import Tensor
 from tqdm import tqdm
 
@@ -37,19 +37,14 @@ from pcdet_avp.bandwidth.parts import Parts
 from pcdet_avp.bandwidth.rows import Evaluator
 from pcdet_avp.bandwidth.study import choose_frames
 from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
-from pcdet_avp.datasets import build_dataset
 from pcdet_avp.datasets.avp.collate import collate, load_batch
 from pcdet_avp.datasets.avp.splits import SPLITS
-from pcdet_avp.engine import checkpoint, distributed
-from pcdet_avp.engine.outputs import RunFolder, open_log
 from pcdet_avp.engine.testing.detect import parse_combos
-from pcdet_avp.engine.testing.run import load_network
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.evaluation.average_precision import STRICT_IOU
 from pcdet_avp.evaluation.benchmark_table import markdown_table
-from pcdet_avp.files import make_folder, write_json, write_text
+from pcdet_avp.files import flat_name, write_json
 from pcdet_avp.models.fusion.register import RegisterMaps
-from pcdet_avp.provenance import provenance
 from pcdet_avp.registration import RegistrationSettings
 from pcdet_avp.structures.pose import Pose
 from pcdet_avp.structures.sensor_set import SensorSet
@@ -164,7 +159,7 @@ def results(args, runner: Runner, dataset, chosen: list[int], folder: Path) -> I
     nothing = Boxes(torch.zeros(0, 7), torch.zeros(0), torch.zeros(0, dtype=torch.int64))
     for index in tqdm(chosen, unit="frame", desc=f"{len(labels)} conditions, {len(combos)} combinations"):
         frame_id = dataset.frame_ids[index]
-        notes = folder / f"{frame_id.replace('/', '_')}.json"
+        notes = folder / f"{flat_name(frame_id)}.json"
         if parts.load(frame_id) is None or not notes.exists():
             found, measured = runner(load_batch(collate([dataset[(index, ALL)]]), "cpu"))
             write_json(notes, measured)
@@ -255,28 +250,17 @@ def plot(rows: list[dict], config: str, file: Path) -> None:
 
 def main() -> None:
     args = parse_arguments()
-    cfg, ranks, name = load_arguments_config(args), distributed.start(device="cpu"), Path(args.cfg).stem
-    out = args.out or RunFolder.of(args.cfg).root / "pose"
-    make_folder(out)
-    logger = open_log(out, "pose")
+    cfg = load_arguments_config(args)
     settings = RegistrationSettings.from_config(cfg.MODEL)
     cfg.MODEL.REGISTRATION = {"ENABLED": False}  # both sides are run here
-    dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split=args.split, logger=logger)
-    model, content = load_network(cfg, args.ckpt, dataset, ranks, logger)
-    weights = checkpoint.weights_hash(content["model_state"])
+    study = FrameStudy.open("pose", cfg, args)
+    dataset, truths = study.dataset, study.dataset.ground_truths()
     chosen = choose_frames(dataset.frame_ids, args.every, args.frames)
-    key = hashlib.sha256(repr((weights, args.combos, args.sizes, args.seed, settings)).encode()).hexdigest()[:8]
-    runner, truths = Runner(model, settings, args), dataset.ground_truths()
-    found, measured = zip(*results(args, runner, dataset, chosen, out / f"frames_{key}"), strict=True)
+    folder = study.frames_folder(args.combos, args.sizes, args.seed, settings)
+    found, measured = zip(*results(args, Runner(study.model, settings, args), dataset, chosen, folder), strict=True)
     evaluator = Evaluator([truths[i] for i in chosen], dataset.regions(), dataset.class_names, seed=args.seed)
-    rows = rows_of(args, evaluator, list(found), list(measured))
-    meta = provenance(cfg, name, seed=args.seed, weights_hash=weights)
-    meta |= {"checkpoint": args.ckpt.name, "frames": len(chosen), "registration": vars(settings)}
-    title = f"Pose error, {name}, {args.ckpt.name}, {len(chosen)} frames of {args.split}"
-    plot(rows, name, out / "pose.png")
-    write_json(out / "pose.json", {"meta": meta, "rows": rows})
-    write_text(out / "pose.md", table(rows, title) + "\n")
-    print(f"\n{table(rows, title)}\n\nwritten to {out}")
+    rows, title = rows_of(args, evaluator, list(found), list(measured)), study.title("Pose error", len(chosen))
+    study.write(title, rows, table, plot, len(chosen), args.seed, registration=vars(settings))
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from pcdet_avp.closed_loop.episode import run_episode
 from pcdet_avp.closed_loop.perception.factory import build_perceiver
 from pcdet_avp.closed_loop.perception.perceiver import PerceiverSettings
 from pcdet_avp.closed_loop.sweep.crash_statistics import crash_interval, mcnemar_exact
-from pcdet_avp.config import plain
+from pcdet_avp.config import config_hash, plain
 from pcdet_avp.evaluation.benchmark_table import markdown_table
 from pcdet_avp.files import make_folder, write_json, write_text
 from pcdet_avp.provenance import provenance
@@ -44,26 +44,27 @@ def parse_arguments() -> argparse.Namespace:
 
 
 def episodes(args: argparse.Namespace, data_cfg: dict, file: Path) -> list[dict]:
-    """All of them, those in the file not driven again."""
+    """All of them, those in the file not driven again; episodes with other sensors or another range stay in it."""
+    sensing = config_hash(data_cfg)
     done = json.loads(file.read_text(encoding="utf-8")) if file.exists() else []
     known, scenario = {name_of(row) for row in done}, find_scenario(args.scenario)
     perceivers = {name: build_perceiver(name, PerceiverSettings(data_cfg)) for name in args.perceptions.split(",")}
     wanted = [(t, c, p) for t in range(args.trials) for c in args.combos.split(",") for p in perceivers]
     for trial, combo, perception in tqdm(wanted, unit="episode"):
         case = {"scenario": args.scenario, "speed": args.speed, "seed": args.seed, "trial": trial}
-        case |= {"combo": combo, "perception": perception}
+        case |= {"combo": combo, "perception": perception, "sensing": sensing}
         if name_of(case) not in known:
             drawn = scenario.scenario(args.seed, trial, args.speed)
             figures = run_episode(drawn, perceivers[perception], SensorSet.parse(combo)).figures
             kept = ("crashed", "min_distance_m", "mean_speed_mps", "false_brake_share", "first_detection_m")
             done.append(case | {key: getattr(figures, key) for key in kept})
             write_json(file, done)
-    names = {(args.scenario, args.speed, args.seed, t, c, p) for t, c, p in wanted}
+    names = {(args.scenario, args.speed, args.seed, t, c, p, sensing) for t, c, p in wanted}
     return [row for row in done if name_of(row) in names]
 
 
 def name_of(row: dict) -> tuple:
-    return tuple(row[key] for key in ("scenario", "speed", "seed", "trial", "combo", "perception"))
+    return tuple(row.get(key) for key in ("scenario", "speed", "seed", "trial", "combo", "perception", "sensing"))
 
 
 def table(rows: list[dict], title: str) -> str:

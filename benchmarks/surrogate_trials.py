@@ -7,12 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pcdet_avp.errors import ConfigError
 from pcdet_avp.placement.choice import greedy
 from pcdet_avp.placement.front import Option, Sight, measured
 from pcdet_avp.placement.sensors import SET_NAMES
 
 NEAR_M = 12.0  # moments up to so far ahead are near ones
 GREEDY_SHARE = 1 / 3
+MOST_IN_VAIN = 10_000  # draws of placements that are there already
 DEFAULT = "all moments"  # the surrogate that avp-place uses
 
 
@@ -27,16 +29,21 @@ class Trial:
 
 def draw_trials(sight: Sight, count: int, units: int, seed: int) -> list[Trial]:
     """A third by greedy choice (1 to ``units`` units of each set of sensors, in an order drawn by the seed), the others
-    with a random number of units at random places, yaws and sensors; no two are equal."""
+    with a random number of units at random places, yaws and sensors; no two are equal, whatever the order of their
+    units. ConfigError where the plan has no more placements."""
     rng = np.random.default_rng(np.random.SeedSequence([seed, 0]))
     cases = [(sensors, k) for sensors in SET_NAMES for k in range(1, units + 1)]
     picked = [cases[k] for k in rng.permutation(len(cases))[: round(count * GREEDY_SHARE)]]
     chosen = {tuple(_greedy(sight, sensors)[:k]): f"greedy_{k}{sensors}" for sensors, k in picked}
     trials = [Trial(name, options, True) for options, name in chosen.items()]
+    kept, in_vain = {frozenset(trial.options) for trial in trials}, 0
     while len(trials) < count:
         options = _random(rng, sight, int(rng.integers(1, units + 1)))
-        if options not in {trial.options for trial in trials}:
+        if frozenset(options) not in kept:
+            kept.add(frozenset(options))
             trials.append(Trial(f"random_{len(trials)}", options, False))
+        elif (in_vain := in_vain + 1) == MOST_IN_VAIN:
+            raise ConfigError(f"--placements: expected {count} different ones, found {len(trials)} with these --units")
     return trials
 
 

@@ -59,6 +59,7 @@ def _in_capitals(value: Any) -> Any:
 
 
 DEFAULTS = as_sections(SceneConfig())
+MAST_DEFAULTS = _in_capitals(asdict(MastConfig()))
 
 
 def known_name(key: str, above: Sequence[str]) -> str:
@@ -68,9 +69,12 @@ def known_name(key: str, above: Sequence[str]) -> str:
 
 
 def completed(generate: Mapping[str, Any]) -> dict[str, Any]:
-    """GENERATE with LATER_KEYS and every key of GARAGE and SCENE, what it lacks at its default: for comparisons."""
+    """GENERATE with LATER_KEYS and every key of GARAGE, SCENE and, if there is one, MAST, what it lacks at its default:
+    for comparisons."""
     given = {name: _renamed(generate.get(name) or {}, name) for name in DEFAULTS}
     sections = {name: {**DEFAULTS[name], **given[name]} for name in DEFAULTS}
+    if generate.get("MAST") is not None:  # an empty section draws masts, none draws none
+        sections["MAST"] = {**MAST_DEFAULTS, **generate["MAST"]}
     return {**dict.fromkeys(LATER_KEYS), **generate, **sections}
 
 

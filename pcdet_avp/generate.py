@@ -7,7 +7,6 @@ worker changes no byte. Frames that are already there are kept, so the same call
 from __future__ import annotations
 
 import hashlib
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,10 +16,9 @@ from tqdm import tqdm
 
 from pcdet_avp.config import plain, require
 from pcdet_avp.config_scenes import scene_config
-from pcdet_avp.datasets.avp.claim import claim
-from pcdet_avp.datasets.avp.manifest import Manifest, Scene, write_manifest
+from pcdet_avp.datasets.avp.claim import claimed
+from pcdet_avp.datasets.avp.manifest import Manifest, Scene, planned_scenes, write_manifest
 from pcdet_avp.datasets.avp.record import has_frame, read_frame, write_frame
-from pcdet_avp.datasets.avp.splits import assign_splits, split_shares
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.parallel import run_tasks
 from pcdet_avp.sim.plans.read import read_plan
@@ -52,11 +50,19 @@ def generate(
 ) -> Manifest:
     """Make, or finish, the data set that ``data_cfg`` (DATA_CONFIG) describes below ``root``.
 
-    ``frames`` and ``seed`` override the configuration. Raises RecordError where ``root`` holds another data set or
-    cannot be written, ConfigError where the configuration is incomplete.
+    ``frames`` and ``seed`` override the configuration. Raises RecordError where ``root`` holds another data set, is
+    being written by another process, or cannot be written, ConfigError where the configuration is incomplete.
     """
     manifest = plan(data_cfg, frames, seed)
-    claim(root, manifest)
+    with claimed(root, manifest):
+        _make_scenes(root, manifest, workers, scheduler)
+        manifest = replace(manifest, complete=True)
+        write_manifest(root, manifest)
+    return manifest
+
+
+def _make_scenes(root: Path, manifest: Manifest, workers: int, scheduler: str | None) -> None:
+    """Make the frames that are not there yet."""
     jobs = [
         SceneJob(str(root), number, scene, manifest.seed, manifest.generator)
         for number, scene in enumerate(manifest.scenes)
@@ -67,9 +73,6 @@ def generate(
     with tqdm(total=total, initial=total - missing, unit="frame", desc=f"making {root}", smoothing=0.1) as bar:
         for made in run_tasks(make_scene, jobs, workers, scheduler):
             bar.update(made)
-    manifest = replace(manifest, complete=True)
-    write_manifest(root, manifest)
-    return manifest
 
 
 def plan(data_cfg: Mapping, frames: int | None = None, seed: int | None = None) -> Manifest:
@@ -89,11 +92,7 @@ def plan(data_cfg: Mapping, frames: int | None = None, seed: int | None = None) 
     seed = require(settings, "SEED", int) if seed is None else seed
     scene_config(settings)
     captured_sources(settings)
-    names = [f"{number:04d}" for number in range(math.ceil(total / per_scene))]
-    splits = assign_splits(names, seed, *split_shares(settings))
-    frame_names = [f"{number:03d}" for number in range(per_scene)]
-    scenes = [Scene(n, splits[n], tuple(frame_names[: total - i * per_scene])) for i, n in enumerate(names)]
-    return Manifest(tuple(scenes), complete=False, seed=seed, generator=made_by)
+    return Manifest(planned_scenes(settings, seed, total), complete=False, seed=seed, generator=made_by)
 
 
 def captured_sources(settings: Mapping) -> tuple[str, ...]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -15,7 +17,20 @@ import torch
 from pcdet_avp.bandwidth.frame_runner import FrameResult
 from pcdet_avp.bandwidth.late_fusion import Boxes
 from pcdet_avp.bandwidth.transmit import Sent
-from pcdet_avp.files import write_bytes
+from pcdet_avp.config import config_hash
+from pcdet_avp.datasets.avp.manifest import MANIFEST_FILE, manifest_hash
+from pcdet_avp.files import flat_name, write_bytes
+
+
+def key_of(cfg: Mapping, data_root: Path, weights: str, *conditions: Any) -> str:
+    """Eight digits that change with anything that changes the result of a frame; for the name of a folder.
+
+    The configuration's hash does not tell where the data lie, and frames of two data sets have the same names. Data
+    without a manifest are known by their place.
+    """
+    data = manifest_hash(data_root) if (data_root / MANIFEST_FILE).exists() else str(data_root.absolute())
+    known = config_hash(cfg), data, weights, conditions
+    return hashlib.sha256(repr(known).encode()).hexdigest()[:8]
 
 
 class Parts:
@@ -51,7 +66,7 @@ class Parts:
         return FrameResult(found, roadside, by_label, blocks)
 
     def _file(self, frame_id: str) -> Path:
-        return self.folder / f"{frame_id.replace('/', '_')}.npz"
+        return self.folder / f"{flat_name(frame_id)}.npz"
 
 
 def _rows(boxes: Boxes) -> np.ndarray:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import logging
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,9 +12,8 @@ from torch import nn
 from tqdm import tqdm
 
 from pcdet_avp.bandwidth.frame_runner import FrameResult, FrameRunner
-from pcdet_avp.bandwidth.parts import Parts
+from pcdet_avp.bandwidth.parts import Parts, key_of
 from pcdet_avp.bandwidth.plan import StudyPoint, make_plan, paper_budget_bytes
-from pcdet_avp.config import config_hash
 from pcdet_avp.engine.distributed import Ranks
 from pcdet_avp.engine.loader import batches
 from pcdet_avp.errors import ConfigError
@@ -94,9 +92,8 @@ def run_study(
     size.check_segments(NrV2xConfig(mcs=options.mcs).max_segment_bytes)
     points = make_plan(options.studies, precision, budget, size)
     check_message_classes(points, dataset.class_names)
-    chosen = choose_frames(dataset.frame_ids, options.every, options.frames)
-    key = _key(config_hash(cfg), weights, git_commit(), points, options.combos, options.mcs, options.seed)
-    parts = Parts(folder / f"frames_{key}", options.combos, [point.label for point in points])
+    chosen, labels = choose_frames(dataset.frame_ids, options.every, options.frames), [point.label for point in points]
+    parts = Parts(folder / f"frames_{_key(cfg, weights, points, options)}", options.combos, labels)
     held = {index: parts.load(dataset.frame_ids[index]) for index in chosen}
     missing = [index for index, result in held.items() if result is None]
     if len(missing) < len(chosen):
@@ -125,9 +122,9 @@ def _computed(runner, dataset, missing, total, ranks, workers) -> Iterator[tuple
             bar.update(1)
 
 
-def _key(*parts: Any) -> str:
-    """Eight digits that change with anything that changes a result."""
-    return hashlib.sha256(repr(parts).encode()).hexdigest()[:8]
+def _key(cfg: Mapping, weights: str, points: Sequence[StudyPoint], options: StudyOptions) -> str:
+    root = Path(cfg["DATA_CONFIG"]["DATA_PATH"])
+    return key_of(cfg, root, weights, git_commit(), points, options.combos, options.mcs, options.seed)
 
 
 def precision_of(model: nn.Module) -> str:

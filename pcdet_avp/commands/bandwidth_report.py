@@ -20,7 +20,7 @@ from pcdet_avp.datasets import build_dataset
 from pcdet_avp.datasets.avp.splits import SPLITS, protocol_of
 from pcdet_avp.engine import checkpoint, distributed
 from pcdet_avp.engine.outputs import RunFolder, choose_checkpoint, open_log
-from pcdet_avp.engine.same_split import check_same_split
+from pcdet_avp.engine.same_split import check_same_split, seen_before
 from pcdet_avp.engine.testing.detect import parse_combos
 from pcdet_avp.engine.testing.run import load_network
 from pcdet_avp.files import make_folder
@@ -70,6 +70,8 @@ def main() -> None:
     ckpt = choose_checkpoint(args.ckpt, args.cfg, run_folder.checkpoints, logger.info)
     model, content = load_network(cfg, ckpt, dataset, ranks, logger)
     check_same_split(content, cfg.DATA_CONFIG, ckpt)
+    if seen := seen_before(content, dataset):
+        logger.warning(seen)
     weights = checkpoint.weights_hash(content["model_state"])
     study = run_study(model, cfg, dataset, weights, options, out, ranks, logger, args.workers)
     seed = content.get("sampler", {}).get("seed")

@@ -19,6 +19,7 @@ from pcdet_avp.config import require
 from pcdet_avp.datasets.avp.manifest import Manifest
 from pcdet_avp.datasets.avp.record import read_frame
 from pcdet_avp.datasets.avp.statistics import Statistics
+from pcdet_avp.files import flat_name
 from pcdet_avp.generate import captured_sources, generate, label_frames
 from pcdet_avp.structures.bev_grid import BevGrid
 from pcdet_avp.visualization.frame_choice import telling_frames
@@ -59,7 +60,7 @@ def main() -> None:
 def write_previews(root: Path, manifest: Manifest, grid: BevGrid, count: int) -> None:
     """Pictures of the ``count`` frames that show best what the roadside adds (``telling_frames``)."""
     for chosen in telling_frames(label_frames(root, manifest) if count else (), grid, count):
-        file = root / "preview" / f"{chosen.frame_id.replace('/', '_')}.png"
+        file = root / "preview" / f"{flat_name(chosen.frame_id)}.png"
         write_picture(file, preview(read_frame(root, chosen.frame_id), grid))
         print(f"wrote {file}")
 

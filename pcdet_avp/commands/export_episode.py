@@ -21,9 +21,12 @@ from pcdet_avp.closed_loop.perception.factory import PERCEPTIONS, find_perceptio
 from pcdet_avp.closed_loop.perception.faults import FAULTS, MARK
 from pcdet_avp.closed_loop.perception.link_options import add_link_arguments
 from pcdet_avp.closed_loop.sweep.arguments import sweep_of
-from pcdet_avp.closed_loop.sweep.episode_row import ANY_COMBO, Case
+from pcdet_avp.closed_loop.sweep.episode_row import Case
 from pcdet_avp.runtime_arguments import add_runtime_arguments
 from pcdet_avp.sim.scenarios.table import ON_PLAN, SCENARIOS
+from pcdet_avp.structures.sensor_set import SensorSet
+
+ALL_SENSORS = "CL+CL"
 
 
 def parse_arguments() -> argparse.Namespace:
@@ -32,7 +35,7 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--plan", type=path_text, metavar="FILE", help="find the scenario's sites in a garage's plan")
     parser.add_argument("--perception", required=True, metavar="P", help=f"{', '.join(PERCEPTIONS)}, or module:name")
     parser.add_argument("--fault", choices=FAULTS, metavar="F", help=f"a single fault: {', '.join(FAULTS)}")
-    parser.add_argument("--combo", default="CL+CL", help="sensor combination (default: CL+CL)")
+    parser.add_argument("--combo", help=f"sensor combination (default: {ALL_SENSORS})")
     parser.add_argument("--speed", type=positive_float, required=True, help="cruising speed (m/s)")
     parser.add_argument("--trial", type=non_negative_int, default=0)
     parser.add_argument("--seed", type=non_negative_int, default=0)
@@ -61,8 +64,7 @@ def main() -> None:
     for each in formats:
         each.check(belongs_to.scenario)
     sweep = sweep_of(belongs_to, Path("cfgs", "closed_loop.yaml"))
-    combo = args.combo if find_perception(sweep.perception).uses_sensors else ANY_COMBO
-    case = Case(sweep.scenario, sweep.perception, combo, args.speed, args.trial)
+    case = Case(sweep.scenario, *sweep.rows[0], args.speed, args.trial)
     driver, alone = CaseDriver(sweep), vehicle_alone(case) if "html" in args.formats else None
     drives = [driver.drive(each) for each in tqdm([case, alone] if alone else [case], desc="driving", unit="drive")]
     print(f"{drives[0].record.title}: {drives[0].record.ending()}")
@@ -75,7 +77,10 @@ def as_sweep(args: argparse.Namespace) -> argparse.Namespace:
     """The arguments of the sweep that this episode belongs to."""
     args.scenario += f"{ON_PLAN}{args.plan}" if args.plan else ""
     args.perception += f"{MARK}{args.fault}" if args.fault else ""
-    args.combos, args.speeds, args.trials, args.search = args.combo, [args.speed], args.trial + 1, False
+    if args.combo is not None:
+        SensorSet.parse(args.combo)  # one, not a list
+    args.combos = args.combo or (ALL_SENSORS if find_perception(args.perception).uses_sensors else "all")
+    args.speeds, args.trials, args.search = [args.speed], args.trial + 1, False
     return args
 
 

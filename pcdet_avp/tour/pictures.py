@@ -13,6 +13,7 @@ from pcdet_avp.config import load_config
 from pcdet_avp.datasets.avp.manifest import read_manifest
 from pcdet_avp.datasets.avp.record import read_frame
 from pcdet_avp.errors import ConfigError
+from pcdet_avp.files import flat_name
 from pcdet_avp.structures.bev_grid import BevGrid
 from pcdet_avp.structures.frame import Frame
 from pcdet_avp.tour.tables import SENSORS
@@ -75,7 +76,7 @@ def detection_pictures(data: DataSet, split: str, count: int, folder: Path, narr
 
 
 def _name(chosen: TellingFrame) -> str:
-    return f"{chosen.frame_id.replace('/', '_')}.png"
+    return f"{flat_name(chosen.frame_id)}.png"
 
 
 def _counts(chosen: TellingFrame) -> str:

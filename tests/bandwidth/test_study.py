@@ -8,11 +8,12 @@ import torch
 from pcdet_avp.bandwidth import ages
 from pcdet_avp.bandwidth.ages import PERIOD_S, age_rows
 from pcdet_avp.bandwidth.frame_runner import FrameResult
-from pcdet_avp.bandwidth.parts import Parts
+from pcdet_avp.bandwidth.parts import Parts, key_of
 from pcdet_avp.bandwidth.plan import STUDIES, Transmission, make_plan, paper_budget_bytes
 from pcdet_avp.bandwidth.rows import held_against
 from pcdet_avp.bandwidth.study import StudyOptions, check_message_classes, choose_frames, precision_of
 from pcdet_avp.bandwidth.transmit import Sent, segments_of, sent_of
+from pcdet_avp.datasets.avp.manifest import Manifest, Scene, write_manifest
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.link.map_size import UNLIMITED, MapSize
 from pcdet_avp.models.compression import NoCompression
@@ -100,6 +101,25 @@ def test_a_frame_on_disk_is_the_frame_and_a_torn_one_is_none(tmp_path, boxes_of)
     (file,) = (tmp_path / "frames").iterdir()
     file.write_bytes(file.read_bytes()[:-40])
     assert parts.load("0000/001") is None
+
+
+def test_frames_whose_names_differ_only_in_where_the_slash_is_do_not_share_a_file(tmp_path, boxes_of):
+    parts = Parts(tmp_path, ["C+CL"], ["a"])
+    for frame_id, score in (("lot_a/1", 0.25), ("lot/a_1", 0.5)):
+        parts.save(frame_id, FrameResult({("C+CL", "a"): boxes_of((1, 2, score, 1))}, {"C+CL": boxes_of()}, {}, {}))
+    assert parts.load("lot_a/1").found["C+CL", "a"].scores.tolist() == [0.25]
+
+
+def test_frames_of_another_data_set_are_computed_anew(tmp_path):
+    """What a configuration's hash does not tell: DATA_PATH, and the seed that tools/create_data.py was given."""
+    cfg, keys = {"DATA_CONFIG": {"DATA_PATH": "anywhere"}}, []
+    for seed in (1, 1, 2):
+        write_manifest(tmp_path / str(seed), Manifest((Scene("0000", "test", ("000",)),), seed=seed))
+        keys.append(key_of(cfg, tmp_path / str(seed), "weights", ("C+CL",)))
+    assert keys[0] == keys[1] != keys[2]
+    assert (
+        key_of(cfg, tmp_path / "1", "weights", ("CL+CL",)) != keys[0] != key_of({}, tmp_path / "1", "other", ("C+CL",))
+    )
 
 
 def test_age_without_loss_is_half_a_period_and_the_air_time():

@@ -16,7 +16,9 @@ def load_benchmark():
     def load(name):
         spec = importlib.util.spec_from_file_location(f"benchmarks_{name}", ROOT / "benchmarks" / f"{name}.py")
         module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)  # where dataclasses look for types
-        spec.loader.exec_module(module)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.syspath_prepend(str(ROOT / "benchmarks"))  # scripts share helpers
+            spec.loader.exec_module(module)
         return module
 
     return load

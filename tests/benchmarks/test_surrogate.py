@@ -51,6 +51,17 @@ def test_placements_that_all_crash_alike_order_nothing(script):
     assert found["against_crashes"]["all"]["kendall"]["value"] is None
 
 
+def test_placements_are_different_sets_of_units_and_a_plan_that_has_too_few_is_refused(script, monkeypatch):
+    """Two places of one direction: 3 placements of one unit each, 9 of both, 15 in all."""
+    trials = script("surrogate_trials")
+    sight = SimpleNamespace(looks=[SimpleNamespace(mount=0), SimpleNamespace(mount=1)])
+    monkeypatch.setattr(trials, "_greedy", lambda _, sensors: [trials.Option(0, sensors), trials.Option(1, sensors)])
+    drawn = trials.draw_trials(sight, 15, units=2, seed=0)
+    assert len({frozenset(trial.options) for trial in drawn}) == len({trial.name for trial in drawn}) == 15
+    with pytest.raises(ConfigError, match="--placements: expected 16 different ones, found 15"):
+        trials.draw_trials(sight, 16, units=2, seed=0)
+
+
 def test_crashes_are_counted_over_all_and_by_scenario(script):
     episodes = [
         (SimpleNamespace(scenario=scenario), SimpleNamespace(crashed_at=at))

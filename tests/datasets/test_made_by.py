@@ -39,6 +39,16 @@ def test_data_of_this_configuration_pass_whatever_only_the_network_reads(cfg):
     check(cfg, made())
 
 
+def test_masts_that_are_drawn_by_default_ranges_are_not_the_fixed_one(cfg):
+    """An empty section MAST draws a unit for every scene; without one it hangs where SENSORS says."""
+    drawn, written_out = copy.deepcopy(cfg), copy.deepcopy(cfg)
+    drawn["GENERATE"]["MAST"], written_out["GENERATE"]["MAST"] = {}, {"HEIGHT_M": [2.3, 7.0]}
+    check(written_out, made(drawn))
+    for configuration, data in ((cfg, drawn), (drawn, cfg)):
+        with pytest.raises(RecordError, match=r"these data were made with DATA_CONFIG\.GENERATE\.MAST"):
+            check(configuration, made(data))
+
+
 def test_data_of_a_time_before_the_scenes_settings_were_written_out_pass(cfg):
     """Commit c063a55 wrote no GARAGE and no SCENE, or only what differed, in lower case."""
     old = copy.deepcopy(cfg)

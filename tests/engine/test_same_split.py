@@ -2,12 +2,13 @@
 
 import copy
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from pcdet_avp.config import load_config, plain
 from pcdet_avp.datasets.avp.manifest import Manifest, write_manifest
-from pcdet_avp.engine.same_split import check_same_split
+from pcdet_avp.engine.same_split import check_same_split, seen_before
 from pcdet_avp.errors import CheckpointError
 from pcdet_avp.generate import plan
 
@@ -61,3 +62,31 @@ def test_recordings_are_told_apart_by_their_folder(cfg, tmp_path):
     check_same_split(elsewhere, cfg, "a.pth")
     with pytest.raises(CheckpointError, match="SPLIT_BY 'scene'"):
         check_same_split(here, cfg, "a.pth")
+
+
+def split_of(cfg, split, protocol="scene"):
+    """What ``seen_before`` reads of a data set."""
+    manifest = plan(cfg)
+    return SimpleNamespace(root_path=cfg.DATA_PATH, split=split, frame_ids=manifest.frame_ids(split, protocol))
+
+
+def test_a_smaller_data_set_of_the_same_seed_tests_on_scenes_that_were_trained_on(cfg, tmp_path):
+    """Scene 2 is the only test scene of 4, and a training scene of 240 (both splits by hand from assign_splits)."""
+    cfg.GENERATE.SCENES, cfg.GENERATE.SEED, cfg.GENERATE.FRAMES_PER_SCENE = 4, 0, 5
+    write_manifest(tmp_path, plan(cfg))
+    sentence = seen_before(trained_on(cfg, SCENES=240), split_of(cfg, "test"))
+    assert sentence.startswith("5 of the 5 frames of split 'test' are of scenes that these weights were TRAINED on")
+    assert not seen_before(trained_on(cfg, SCENES=240), split_of(cfg, "val"))  # scene 0, tested on by both
+    assert not seen_before(trained_on(cfg), split_of(cfg, "test"))
+    assert not seen_before(trained_on(cfg), split_of(cfg, "train"))  # whoever tests on it knows
+    assert not seen_before(trained_on(cfg, SCENES=240, SEED=7), split_of(cfg, "test"))  # other scenes
+    assert not seen_before({"config": None}, split_of(cfg, "test"))
+
+
+def test_a_checkpoint_whose_data_were_not_of_its_configuration_s_size_says_nothing(cfg, tmp_path):
+    cfg.GENERATE.SCENES, cfg.GENERATE.SEED, cfg.GENERATE.FRAMES_PER_SCENE = 4, 0, 5
+    write_manifest(tmp_path, plan(cfg))
+    content, held = trained_on(cfg, SCENES=240), split_of(cfg, "test")
+    trained = 5 * (240 - 48 - 19)  # a fifth is tested on, a tenth of the others validated on
+    assert seen_before(content | {"sampler": {"samples": trained}}, held)
+    assert not seen_before(content | {"sampler": {"samples": 10}}, held)

@@ -51,6 +51,7 @@ def test_the_page_shows_the_drive_that_the_sweep_drove(call, capsys):
         (("--scenario", "crosswalk"), "crosswalk"),
         (("--perception", "radar"), "radar"),
         (("--combo", "C+X"), "C+X"),
+        (("--combo", "C+CL"), "--combo: perception 'blind' is the same with every sensor set"),
         (("--formats", "bag"), "--formats"),
         (("--ckpt", "a.pth"), "--ckpt"),
         (("--speed", 1000), "1000"),

@@ -50,7 +50,8 @@ def test_blind_is_certified_for_no_speed(tmp_path):
     [
         (("--speeds", "0"), "--speeds: expected a number above 0"),
         (("--scenario", "crosswalk"), "crosswalk"),
-        (("--combos", "C+X"), "C+X"),
+        (("--perception", "los", "--combos", "C+X"), "C+X"),
+        (("--combos", "C+CL"), "--combos, --combo: perception 'oracle' is the same with every sensor set"),
         (("--perception", "radar"), "radar"),
         (("--perception", "model"), "--ckpt"),
         (("--perception", "model", "--ckpt", "nowhere.pth"), "nowhere.pth"),

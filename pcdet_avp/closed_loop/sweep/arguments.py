@@ -51,6 +51,11 @@ def sweep_of(args: argparse.Namespace, loop_file: Path) -> Sweep:
             "--ckpt, --runtime, --exported, --use_amp, --ignore_config, --link and its options belong to "
             f"--perception model, found {perception.name}"
         )
+    if args.combos != "all" and not perception.uses_sensors:
+        raise ConfigError(
+            f"--combos, --combo: perception {perception.name!r} is the same with every sensor set; expected none to be "
+            f"named, found {args.combos!r}"
+        )
     return Sweep(
         scenario=scenario.name,
         perception=perception.name,

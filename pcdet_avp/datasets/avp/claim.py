@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 from pcdet_avp.datasets.avp.layout import PARTIAL_SUFFIX, clean_leftovers
+from pcdet_avp.datasets.avp.lock import LOCK_FILE, sole_maker
 from pcdet_avp.datasets.avp.made_by import check_made_by, complete
 from pcdet_avp.datasets.avp.manifest import MANIFEST_FILE, Manifest, read_manifest, write_manifest
 from pcdet_avp.errors import RecordError
@@ -13,8 +16,18 @@ from pcdet_avp.errors import RecordError
 COMPARED = ("seed", "generator", "scenes", "class_names", "package_version")
 
 
-def claim(root: Path, manifest: Manifest) -> None:
-    """Write the manifest, unless another data set lies there already; clear what a killed run left behind."""
+@contextmanager
+def claimed(root: Path, manifest: Manifest) -> Iterator[None]:
+    """While the block lasts, this process alone makes data in ``root``; RecordError where another one does, or where
+    another data set lies there. The manifest is written, and what a killed run left behind is removed."""
+    if root.exists() and not root.is_dir():
+        raise RecordError(f"{root}: expected the folder of a data set, found a file")
+    with sole_maker(root):
+        _claim(root, manifest)
+        yield
+
+
+def _claim(root: Path, manifest: Manifest) -> None:
     if (root / MANIFEST_FILE).exists():
         found = read_manifest(root)
         check_made_by(found, manifest.generator, root)
@@ -33,11 +46,9 @@ def claim(root: Path, manifest: Manifest) -> None:
 
 
 def _refuse_foreign(root: Path) -> None:
-    """RecordError if the folder holds something else: nothing is written there."""
-    if root.exists() and not root.is_dir():
-        raise RecordError(f"{root}: expected the folder of a data set, found a file")
-    partial = f".{MANIFEST_FILE}{PARTIAL_SUFFIX}"  # all that a run that was killed at once leaves
-    held = sorted(entry.name for entry in root.iterdir() if entry.name != partial) if root.exists() else []
+    """RecordError if the folder holds something else: no data are written there."""
+    ours = (f".{MANIFEST_FILE}{PARTIAL_SUFFIX}", LOCK_FILE)  # all that a run that was killed at once leaves
+    held = sorted(entry.name for entry in root.iterdir() if entry.name not in ours)
     if held:
         raise RecordError(
             f"{root / MANIFEST_FILE}: missing, but the folder holds {', '.join(held[:3])}"

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from pcdet_avp import __version__
 from pcdet_avp.datasets.avp.fields import Field, write_record_json
@@ -27,6 +31,15 @@ class Scene:
     @property
     def frame_ids(self) -> list[str]:
         return [f"{self.name}/{frame}" for frame in self.frames]
+
+
+def planned_scenes(generate: Mapping[str, Any], seed: int, frames: int) -> tuple[Scene, ...]:
+    """The scenes of a data set of so many frames that GENERATE describes, each with its split."""
+    per_scene = generate["FRAMES_PER_SCENE"]
+    names = [f"{number:04d}" for number in range(math.ceil(frames / per_scene))]
+    splits = assign_splits(names, seed, *split_shares(generate))
+    frame_names = [f"{number:03d}" for number in range(per_scene)]
+    return tuple(Scene(n, splits[n], tuple(frame_names[: frames - i * per_scene])) for i, n in enumerate(names))
 
 
 @dataclass(frozen=True)
@@ -96,6 +109,15 @@ def read_manifest(root: str | Path) -> Manifest:
         package_version=top.get("package_version", "unknown").of(str),
         class_names=_class_names(top["class_names"]),
     )
+
+
+def manifest_hash(root: str | Path) -> str:
+    """SHA-256 of ``dataset.json``, which tells data sets apart whose frames have the same names."""
+    file = Path(root) / MANIFEST_FILE
+    try:
+        return hashlib.sha256(file.read_bytes()).hexdigest()
+    except OSError as error:
+        raise RecordError(f"{file}: cannot be read ({error.strerror})") from error
 
 
 def _scenes(entries: Field) -> tuple[Scene, ...]:

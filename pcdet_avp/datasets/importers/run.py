@@ -10,7 +10,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from pcdet_avp.datasets.avp.claim import claim
+from pcdet_avp.datasets.avp.claim import claimed
 from pcdet_avp.datasets.avp.fields import Field
 from pcdet_avp.datasets.avp.manifest import Manifest, Scene, write_manifest
 from pcdet_avp.datasets.avp.record import has_frame, write_record
@@ -52,7 +52,15 @@ def import_recording(
         raise RecordError(f"{format_name}: no frame has all of its files")
     made_by = {"IMPORT": {"FORMAT": format_name, "SOURCE_SHA256": _fingerprint(scenes)}}
     manifest = _plan(scenes, recording.class_names, made_by, splits, seed)
-    claim(out, manifest)
+    with claimed(out, manifest):
+        _write_frames(recording, scenes, out, manifest)
+        manifest = replace(manifest, complete=True)
+        write_manifest(out, manifest)
+    return manifest
+
+
+def _write_frames(recording: Recording, scenes: Sequence[SourceScene], out: Path, manifest: Manifest) -> None:
+    """Write the frames that are not there yet."""
     total = sum(manifest.frame_counts.values())
     with tqdm(total=total, unit="frame", desc=f"importing into {out}", smoothing=0.1) as bar:
         for scene, source in zip(manifest.scenes, scenes, strict=True):
@@ -61,9 +69,6 @@ def import_recording(
                     imported = recording.read(source.name, frame)
                     write_record(out, replace(imported.record, frame_id=frame_id), imported.images)
                 bar.update()
-    manifest = replace(manifest, complete=True)
-    write_manifest(out, manifest)
-    return manifest
 
 
 def _fingerprint(scenes: Sequence[SourceScene]) -> str:

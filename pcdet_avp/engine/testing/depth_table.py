@@ -19,7 +19,7 @@ from pcdet_avp.datasets.avp.splits import BY_SCENE, protocol_line, protocol_of
 from pcdet_avp.engine import checkpoint
 from pcdet_avp.engine.distributed import Ranks
 from pcdet_avp.engine.loader import batches
-from pcdet_avp.engine.same_split import check_same_split
+from pcdet_avp.engine.same_split import check_same_split, seen_before
 from pcdet_avp.files import write_json, write_text
 from pcdet_avp.models import build_network
 from pcdet_avp.models.encoders.depth_branch import depth_truth
@@ -173,6 +173,8 @@ def run_depth_test(
     """The depth table of a checkpoint of a ``CameraDepth`` network, or of a whole network with the same encoders."""
     dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split=split, logger=logger)
     model, content = _load(cfg, path, dataset, ranks)
+    if seen := seen_before(content, dataset):
+        logger.warning(seen)
     dataset.sources = model.sources
     errors = depth_errors(model, dataset, ranks, batch_size, workers)
     weights = checkpoint.weights_hash(content["model_state"])

@@ -15,7 +15,7 @@ from pcdet_avp.datasets.avp.splits import BY_SCENE, protocol_line, protocol_of
 from pcdet_avp.deploy.runtime import TORCH
 from pcdet_avp.engine import checkpoint
 from pcdet_avp.engine.distributed import Ranks
-from pcdet_avp.engine.same_split import check_same_split
+from pcdet_avp.engine.same_split import check_same_split, seen_before
 from pcdet_avp.engine.testing.detect import benchmark, detect, driving_thresholds, existing_combos
 from pcdet_avp.engine.testing.exported import load_exported
 from pcdet_avp.engine.testing.roadside_gain import roadside_gains
@@ -46,16 +46,15 @@ class BenchmarkResult:
         regions = list(dict.fromkeys(row["region"] for row in self.rows))
         parts = [render(self.rows, self.meta["config"], region) for region in regions]
         protocol = protocol_line(self.meta["split"], self.meta.get("split_by", BY_SCENE))
-        return "\n\n".join([protocol, *parts, "\n".join(self.gains)]).rstrip()
+        notes = [protocol, self.meta["seen_before"]] if "seen_before" in self.meta else [protocol]
+        return "\n\n".join([*notes, *parts, "\n".join(self.gains)]).rstrip()
 
     def write(self, folder: Path, json_file: Path | None = None, save_to_file: bool = False) -> None:
-        """``result.json``, ``table.md``, details and detections into a folder; the JSON also to a file of its own.
+        """``table.md``, details, detections and ``result.json`` into a folder; the JSON also to a file of its own.
 
-        ``save_to_file``: the detections of every frame as text, too, in ``final_result/<combination>/``.
+        ``save_to_file``: the detections of every frame as text, too, in ``final_result/<combination>/``. Where
+        ``result.json`` is, everything is: it is written last.
         """
-        content = {"meta": self.meta, "rows": self.rows}
-        for file in filter(None, (folder / "result.json", json_file)):
-            write_json(file, content)
         write_text(folder / "table.md", self.tables + "\n")
         details = [f"## {combo}\n\n```\n{text}\n```\n" for combo, text in self.texts.items()]
         write_text(folder / "details.md", "\n".join(details))
@@ -63,6 +62,9 @@ class BenchmarkResult:
             write_detections(folder / "detections" / f"{combo}.npz", detections)
             if save_to_file:
                 write_texts(folder / "final_result" / combo, detections)
+        content = {"meta": self.meta, "rows": self.rows}
+        for file in filter(None, (folder / "result.json", json_file)):
+            write_json(file, content)
 
 
 def load_network(
@@ -99,6 +101,7 @@ def run_test(
     if runtime == TORCH:
         model, content = load_network(cfg, path, dataset, ranks, logger)
         check_same_split(content, cfg["DATA_CONFIG"], path)
+        content["seen_before"] = seen_before(content, dataset)
         content["weights_hash"] = checkpoint.weights_hash(content["model_state"])
     else:
         model, content = load_exported(cfg, path, runtime)
@@ -111,6 +114,7 @@ def run_test(
     meta = provenance(cfg, config_name, seed=seed, weights_hash=content["weights_hash"], started=started)
     gains = roadside_gains(dataset, found.detections)
     meta |= _about(path, content, dataset, wire) | {"split_by": protocol_of(cfg["DATA_CONFIG"])}
+    meta |= {"seen_before": content["seen_before"]} if content.get("seen_before") else {}
     return BenchmarkResult(meta, rows, texts, found.detections, gains)
 
 

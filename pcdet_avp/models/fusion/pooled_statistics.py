@@ -36,6 +36,7 @@ def hide(X: Tensor, mask: Tensor) -> Tensor:
 
 def cleared(X: Tensor, mask: Tensor) -> Tensor:
     """``torch.where(mask, X, 0)`` for a mask with fewer channels than X, bit by bit, which is faster on a CPU.
+    No gradient passes: it is for forward passes of autograd functions.
 
     Where the operations are recorded it is ``where``: the view as integers has no word in ONNX.
     """

@@ -15,8 +15,6 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from pcdet_avp.models.fusion.pooled_statistics import cleared
-
 
 def merge_units(batch_dict: dict) -> dict:
     """The stage between warp and fusion. A batch without ``map_samples`` has one map for each sample and passes as is.
@@ -44,9 +42,9 @@ def merge(maps: Tensor, masks: Tensor, samples: Tensor, batch: int) -> tuple[Ten
 
 def strongest(maps: Tensor, masks: Tensor) -> tuple[Tensor, Tensor]:
     """Maps (U, C, H, W) and masks (U, 1, H, W) of one sample -> (C, H, W), zero where absent, and (1, H, W)."""
+    present = masks.any(0)
     if len(maps) < 2:
-        return cleared(maps.sum(0, keepdim=True), masks.any(0, keepdim=True))[0], masks.any(0)
+        return torch.where(present, maps.sum(0), 0), present
     length = torch.where(masks, maps.detach().float().square().sum(1, keepdim=True), -1.0)
     chosen = masks & (length == length.amax(0))
-    present = masks.any(0)
     return torch.where(present, torch.where(chosen, maps, -torch.inf).amax(0), 0), present

@@ -117,3 +117,14 @@ def test_gradients_reach_the_unit_whose_vector_counts():
     strongest(maps, masks)[0].sum().backward()
     assert torch.equal(maps.grad.abs().sum((0, 1)) > 0, masks.any(0)[0])
     assert not maps.grad[~masks.expand_as(maps)].any()
+
+
+@pytest.mark.parametrize("samples", [[0, 0, 1], [1, 0, 0]])
+def test_gradients_reach_the_only_unit_of_a_sample_beside_one_with_two(samples):
+    """In a batch of sites with different numbers of units: the map is handed through, and so is its gradient."""
+    maps, masks = units(3)
+    maps.requires_grad_()
+    merged = merge_units(batch(maps, masks, samples, 2))["bev_maps"]["infra_lidar"]
+    merged.sum().backward()
+    only = samples.index(1)
+    assert torch.equal(maps.grad[only], masks[only].expand(C, H, W).float())

@@ -1,0 +1,77 @@
+"""One maker of a data set at a time: two on one folder would remove each other's unfinished frames."""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from pcdet_avp.errors import RecordError
+
+try:
+    import fcntl
+except ModuleNotFoundError:  # not on Windows: there, nothing is locked
+    fcntl = None
+
+LOCK_FILE = ".lock"
+
+
+@contextmanager
+def sole_maker(root: Path) -> Iterator[None]:
+    """While the block lasts, no other process enters one for the folder ``root``, which is made; RecordError where one
+    has.
+
+    The lock ends with the process that holds it, however that ends; the file that a killed one leaves means nothing.
+    Where the file system knows no locks, there is none.
+    """
+    file = root / LOCK_FILE
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+        handle = _locked(file)
+    except OSError as error:
+        raise RecordError(f"{file}: cannot be written ({error.strerror})") from error
+    try:
+        yield
+    finally:
+        with suppress(OSError):
+            file.unlink()
+        os.close(handle)
+
+
+def _locked(file: Path) -> int:
+    """The file, open and locked."""
+    while True:
+        handle = os.open(file, os.O_RDWR | os.O_CREAT, 0o644)
+        try:
+            _lock(handle, file)
+        except BaseException:
+            os.close(handle)
+            raise
+        if _is(handle, file):
+            return handle
+        os.close(handle)  # the one that held it before has just removed it
+
+
+def _lock(handle: int, file: Path) -> None:
+    try:
+        if fcntl is not None:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        holder = os.read(handle, 100).decode(errors="replace").strip() or "unknown"
+        raise RecordError(
+            f"{file}: held by process {holder}, which makes data in this folder; expected none: wait until it ends"
+        ) from None
+    except OSError:
+        return  # a file system without locks
+    os.ftruncate(handle, 0)
+    os.write(handle, f"{os.getpid()} on {platform.node()}\n".encode())
+
+
+def _is(handle: int, file: Path) -> bool:
+    """Whether the open file is still the one of this name."""
+    try:
+        return os.path.samestat(os.fstat(handle), file.stat())
+    except FileNotFoundError:
+        return False

@@ -1,0 +1,60 @@
+"""Two makers of data in one folder: the second is told; a lock dies with its process, however that dies."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from pcdet_avp.datasets.avp.claim import claimed
+from pcdet_avp.datasets.avp.lock import LOCK_FILE, sole_maker
+from pcdet_avp.datasets.avp.manifest import Manifest, Scene, read_manifest
+from pcdet_avp.errors import RecordError
+
+pytest.importorskip("fcntl")
+HOLD = """
+import sys, time
+from pathlib import Path
+from pcdet_avp.datasets.avp.lock import sole_maker
+with sole_maker(Path(sys.argv[1])):
+    print("held", flush=True)
+    time.sleep(60)
+"""
+
+
+def test_the_second_maker_is_refused_and_the_first_goes_on(tmp_path):
+    """Also one who would finish the same data set: its clearing up would remove the frame that is being written."""
+    manifest = Manifest((Scene("0000", "test", ("000",)),), complete=False, seed=1)
+    with claimed(tmp_path / "set", manifest):
+        unfinished = tmp_path / "set/scenes/0000/.000.partial"
+        unfinished.mkdir(parents=True)
+        for asked in (manifest, Manifest((), seed=2)):
+            told = rf"set/\.lock: held by process {os.getpid()} on .*wait until it ends"
+            with pytest.raises(RecordError, match=told), claimed(tmp_path / "set", asked):
+                pass
+        assert unfinished.exists()
+        assert read_manifest(tmp_path / "set").seed == 1
+    with claimed(tmp_path / "set", manifest):
+        assert not unfinished.exists()
+    assert not (tmp_path / "set" / LOCK_FILE).exists()
+
+
+def test_the_lock_of_a_killed_process_is_none(tmp_path):
+    process = subprocess.Popen([sys.executable, "-c", HOLD, tmp_path], stdout=subprocess.PIPE, text=True)
+    assert process.stdout.readline() == "held\n"
+    with pytest.raises(RecordError, match=f"held by process {process.pid} on"), sole_maker(tmp_path):
+        pass
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    assert (tmp_path / LOCK_FILE).exists()
+    with claimed(tmp_path, Manifest((), complete=False)):  # and what it left is no foreign file
+        pass
+    assert not (tmp_path / LOCK_FILE).exists()
+
+
+def test_a_folder_that_cannot_be_written_is_named(tmp_path):
+    (tmp_path / "file").touch()
+    folder = tmp_path / "file" / "set"
+    with pytest.raises(RecordError, match=r"file/set/\.lock: cannot be written"), sole_maker(folder):
+        pass
