@@ -29,7 +29,7 @@ class RecordError(AvpError):
 
 
 class SensorError(AvpError):
-    """A sensor combination is unknown, or a sample holds no usable sensor at all."""
+    """A sensor combination is unknown, a sample holds no usable sensor at all, or what came in is not a number."""
 
 
 class EvaluationError(AvpError):

@@ -47,7 +47,17 @@ class Graphs:
         self._loaded: dict[str, Graph] = {}
 
     def __call__(self, name: str, **inputs: np.ndarray) -> Arrays:
-        """Outputs of a graph, by name."""
+        """Outputs of a graph, by name; SensorError where an input holds NaN or infinite values.
+
+        Looked for before the graph, since runtimes make ordinary numbers of NaN (OpenVINO in every ReLU).
+        """
+        for key, value in inputs.items():
+            if value.dtype.kind == "f" and not np.isfinite(value).all():
+                bad = int((~np.isfinite(value)).sum())
+                raise SensorError(
+                    f"{self._half}/{name}.onnx: {key}: expected finite values, found {bad} of {value.size} "
+                    "that are NaN or infinite"
+                )
         if name not in self._loaded:
             file = f"{self._half}/{name}.onnx"
             self._loaded[name] = self._runtime.load(self._exported.graph(file), str(self._exported.folder / file))

@@ -10,6 +10,7 @@ from functools import lru_cache
 import numpy as np
 
 from pcdet_avp.deploy.network import AnchorSet, Head, Suppression
+from pcdet_avp.errors import SensorError
 from pcdet_avp.structures.bev_grid import BevGrid
 from pcdet_avp.structures.box_voting import vote
 from pcdet_avp.structures.ego import overlaps_ego
@@ -22,8 +23,11 @@ Detected = dict[str, np.ndarray]
 def detect(outputs: Detected, grid: BevGrid, head: Head, suppression: Suppression) -> Detected:
     """Detections from cls_preds (1, A, classes) logits, box_preds (1, A, 7) and, with directions, dir_cls_preds.
 
-    pred_boxes (n, 7) float32, pred_scores (n,) falling, pred_labels (n,) int64 from 1.
+    pred_boxes (n, 7) float32, pred_scores (n,) falling, pred_labels (n,) int64 from 1. SensorError where a logit is
+    NaN: it would be below every threshold, and the answer "nothing there".
     """
+    if np.isnan(outputs["cls_preds"]).any():
+        raise SensorError("cls_preds: holds NaN, which would read as nothing detected")
     scores = 1 / (1 + np.exp(-outputs["cls_preds"][0]))
     parts = [_of_class(outputs, scores[:, k], k, grid, head, suppression) for k in range(scores.shape[1])]
     boxes, scores, labels = (np.concatenate(column) for column in zip(*parts, strict=True))

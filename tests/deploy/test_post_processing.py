@@ -7,6 +7,7 @@ from easydict import EasyDict
 
 from pcdet_avp.deploy import post_processing
 from pcdet_avp.deploy.network import AnchorSet, Head, Suppression
+from pcdet_avp.errors import SensorError
 from pcdet_avp.models.dense_heads.anchor_head import AnchorHeadSingle
 from pcdet_avp.models.detectors.post_processing import PostProcessing
 from pcdet_avp.structures.bev_grid import BevGrid
@@ -71,3 +72,11 @@ def test_nothing_above_the_threshold_is_no_box():
     found = post_processing.detect(raw, GRID, Head(anchors, 2, 0, 0.0), Suppression((0.1,), (0.1,), 10, 10))
     assert found["pred_boxes"].shape == (0, 7)
     assert found["pred_scores"].shape == found["pred_labels"].shape == (0,)
+
+
+def test_a_logit_that_is_not_a_number_is_no_empty_road():
+    anchors = (AnchorSet(((0.8, 4.0, 2.0, 1.6, 0.0),), True),)
+    raw = {"cls_preds": np.full((1, 144, 1), -9, np.float32), "box_preds": np.zeros((1, 144, 7), np.float32)}
+    raw["cls_preds"][0, 70] = np.nan
+    with pytest.raises(SensorError, match="cls_preds: holds NaN"):
+        post_processing.detect(raw, GRID, Head(anchors, 2, 0, 0.0), Suppression((0.1,), (0.1,), 10, 10))

@@ -8,6 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from pcdet_avp.errors import SensorError
 from pcdet_avp.models.dense_heads.rotated_nms import rotated_nms
 from pcdet_avp.models.thresholds import per_class
 from pcdet_avp.structures.box_voting import vote
@@ -46,7 +47,9 @@ class PostProcessing:
         return found, recall
 
     def detect(self, boxes: Tensor, scores: Tensor) -> dict[str, Tensor]:
-        """Detections of one sample from boxes (A, 7) and scores (A, num_class)."""
+        """Detections of one sample from boxes (A, 7) and scores (A, num_class); SensorError where a score is NaN."""
+        if scores.isnan().any():
+            raise SensorError("cls_preds: holds NaN, which would read as nothing detected")
         parts = [self._of_class(boxes, scores[:, k], k) for k in range(len(self.min_scores))]
         boxes, scores, labels = (torch.cat(column) for column in zip(*parts, strict=True))
         free = ~torch.from_numpy(overlaps_ego(boxes.detach().cpu().numpy())).to(boxes.device)

@@ -4,7 +4,7 @@ import pytest
 import torch
 from easydict import EasyDict
 
-from pcdet_avp.errors import ConfigError
+from pcdet_avp.errors import ConfigError, SensorError
 from pcdet_avp.models.detectors.post_processing import PostProcessing
 
 CLASSES = ["Car", "Pedestrian"]
@@ -76,3 +76,8 @@ def test_recall_by_hand():
     """An offset of 1 m leaves 3 of 5 m in common: IoU 0.6. Padding rows are no objects."""
     _, recall = run([box(11)], [[0.9, 0]], gt=[[*box(10), 1], [*box(30), 1], [0.0] * 8])
     assert recall == {"gt": 2, "rcnn_0.3": 1, "rcnn_0.7": 0}
+
+
+def test_a_score_that_is_not_a_number_is_no_empty_road():
+    with pytest.raises(SensorError, match="cls_preds: holds NaN"):
+        run([box(10), box(20)], [[0.1, 0.1], [float("nan"), 0.1]])
