@@ -3,7 +3,7 @@
 # make help  lists the rest
 PYTHON ?= python3
 VENV ?= .venv
-MINUTES ?= 3
+MINUTES ?= 2
 JOBS ?= 2
 BIN := $(VENV)/bin
 export OMP_NUM_THREADS ?= 2

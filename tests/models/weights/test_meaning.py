@@ -36,6 +36,15 @@ def test_published_weights_mean_what_their_configuration_says(cfg):
     assert differences(meaning_in(content), meaning_of(host)) == []
 
 
+def test_the_second_editions_weights_mean_what_their_configuration_says():
+    content = read_checkpoint(REPOSITORY / "weights" / "cp_small_2.pth")
+    own = load_config(REPOSITORY / "cfgs" / "avp" / "cp_small_2.yaml")
+    assert differences(content["meaning"], meaning_of(own)) == []
+    assert set(content["score_thresholds"]) == set(own.CLASS_NAMES)
+    first = load_config(REPOSITORY / "cfgs" / "avp" / "cp_small.yaml")
+    assert any(one.key.startswith("MODEL.CAMERA_ENCODER") for one in differences(content["meaning"], meaning_of(first)))
+
+
 def test_a_meaning_is_plain_and_survives_json(cfg):
     meaning = meaning_of(cfg)
     assert json.loads(json.dumps(meaning)) == meaning
