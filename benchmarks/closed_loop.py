@@ -72,7 +72,7 @@ class Clock:
 def split_by_part(clock: Clock) -> Iterator[None]:
     """While the block runs, perceiving fills the clock."""
     functions = [
-        ("capture", network_perceiver, "observe"),
+        ("capture", network_perceiver, "observe_units"),
         *(("encode", module, name) for module in (roadside_unit, onboard) for name in ("prepare", "load_batch")),
         ("encode", AvpCp, "encode_roadside"),
         ("encode", AvpCp, "encode_vehicle"),
