@@ -130,10 +130,6 @@ class World:
         """Boxes (7,) of those who can never move, by object id."""
         return {number: box_at(actor, 0.0) for number, actor in self._actors.items() if stands(actor)}
 
-    def mesh_of(self, object_id: int) -> Mesh:
-        """Mesh of a moving road user at the current time, world frame."""
-        return mesh_at(self._actors[object_id], self.time_s)
-
     def outline_of(self, object_id: int) -> Outline:
         """What ``Sight`` needs to know of a moving road user at the current time, world frame."""
         actor = self._actors[object_id]
