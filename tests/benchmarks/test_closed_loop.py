@@ -21,6 +21,6 @@ def test_time_is_entered_under_its_part(closed_loop):
     clock = closed_loop.Clock()
     assert clock.part_of("link", lambda n: sum(range(n)))(100_000) == 4999950000
     wall_s, cpu_s = clock.tick["link"]
-    assert 0 < wall_s
-    assert 0 <= cpu_s
+    assert wall_s > 0
+    assert cpu_s >= 0
     assert set(clock.tick) == {"link"}
