@@ -1,4 +1,4 @@
-"""``avp-tour``: the whole system in 15 to 20 minutes, on the embedded garage, with the weights of the package.
+"""``avp-tour``: the whole system in about 20 minutes, on the embedded garage, with the weights of the package.
 
 Makes a small data set, tests the network on garages that it never saw, measures bytes on the air, drives, trains a
 little, and writes index.html with the pictures, videos and tables of all that: one file that can be sent around. Every
