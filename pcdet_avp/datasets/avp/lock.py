@@ -13,7 +13,7 @@ from pcdet_avp.errors import RecordError
 try:
     import fcntl
 except ModuleNotFoundError:  # not on Windows: there, nothing is locked
-    fcntl = None
+    fcntl = None  # type: ignore[assignment]
 
 LOCK_FILE = ".lock"
 
