@@ -12,6 +12,7 @@ from torch.utils.data import DataLoader, Dataset
 from pcdet_avp.datasets.avp.collate import load_batch
 from pcdet_avp.engine.distributed import Ranks
 from pcdet_avp.errors import AvpError
+from pcdet_avp.orphans import end_with_parent
 
 WORKER_NICENESS = 5
 
@@ -36,8 +37,10 @@ def batches(dataset: Dataset, sampler: Iterable, ranks: Ranks, workers: int = 0)
 def _start_worker(_worker: int) -> None:
     """Ctrl-C goes to the main process, which stops its workers; so is OMP_PROC_BIND its alone, and it goes first.
 
-    A step of training waits for its slowest thread: workers that get in its way cost more than their own time.
+    A step of training waits for its slowest thread: workers that get in its way cost more than their own time. They do
+    not outlive a main process that was killed.
     """
+    end_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(os, "nice"):
         os.nice(WORKER_NICENESS)
