@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import threading
 import time
@@ -16,7 +17,9 @@ def end_with_parent(look_every_s: float = LOOK_EVERY_S) -> None:
     PyTorch's data workers notice that, too, but then wait for the batch that is on its way: one that does not fit into
     a pipe, which nobody reads any more, keeps the worker and its memory for ever (torch 2.13.0, after ``kill -9``).
     """
-    parent = os.getppid()
+    parent, started_by = os.getppid(), multiprocessing.parent_process()
+    if started_by is not None and not started_by.is_alive():  # it was quicker: the parent is another one already
+        os._exit(ORPHANED)
 
     def watch() -> None:
         while os.getppid() == parent:
