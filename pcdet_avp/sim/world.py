@@ -168,9 +168,12 @@ class World:
 
     def sight_of(self, agent: str) -> Sight:
         """What answers whether the sensors of "ego" or "infra" see somebody; the mast's see the ego, too."""
-        ego = MovedScene(_scene_of(car_mesh(EGO_SPEC)), self._world_from_body, EGO_INSTANCE)
-        own = [] if agent == "ego" else [ego]
-        return Sight(self.static_scene, lambda: [*self._mover_scenes(), *own])
+        if agent == "ego":
+            return Sight(self.static_scene, self._mover_scenes)
+        return Sight(self.static_scene, lambda: [*self._mover_scenes(), self._ego_scene()])
+
+    def _ego_scene(self) -> MovedScene:
+        return MovedScene(_scene_of(car_mesh(EGO_SPEC)), self._world_from_body, EGO_INSTANCE)
 
     def _mover_scenes(self) -> list[MovedScene]:
         """A scene of each road user on a trajectory at the current time."""
