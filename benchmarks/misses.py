@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -29,7 +29,7 @@ from tqdm import tqdm
 from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
 from pcdet_avp.datasets import build_dataset
 from pcdet_avp.engine.testing.detect import parse_combos
-from pcdet_avp.engine.testing.pictures import MIN_SCORE
+from pcdet_avp.engine.testing.pictures import MIN_SCORE, above_scores
 from pcdet_avp.errors import EvaluationError
 from pcdet_avp.evaluation.average_precision import STRICT_IOU
 from pcdet_avp.evaluation.benchmark_table import markdown_table
@@ -175,12 +175,6 @@ def draw_pictures(dataset, everything: Sequence[Judged], found: Sequence[Detecti
                 break
 
 
-def acted_on(found: Sequence[Detections], min_scores: Mapping[str, float]) -> list[Detections]:
-    """Detections of at least the score of their class."""
-    least = [np.array([min_scores.get(str(name), MIN_SCORE) for name in each.names]) for each in found]
-    return [each.select(each.scores >= scores) for each, scores in zip(found, least, strict=True)]
-
-
 def main() -> None:
     args = parse_arguments()
     cfg = load_arguments_config(args)
@@ -208,7 +202,7 @@ def main() -> None:
     combo = args.pictures_of or next(iter(found))
     if combo not in found:
         raise EvaluationError(f"--pictures_of {combo}: expected one of {', '.join(found)}")
-    draw_pictures(dataset, everything, acted_on(found[combo], min_scores), combo, out)
+    draw_pictures(dataset, everything, [above_scores(each, min_scores) for each in found[combo]], combo, out)
 
 
 if __name__ == "__main__":

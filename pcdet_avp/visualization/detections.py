@@ -67,17 +67,27 @@ def class_colors(names: np.ndarray) -> np.ndarray:
 
 def bev_panel(frame: Frame, found: Detections, grid: BevGrid, title: str, width: int) -> np.ndarray:
     """(H, width, 3): the clouds that the frame has, in the ego's BEV range; true boxes, detections, the ego."""
-    canvas = BevCanvas(
-        grid.x_min_m - 3, grid.y_min_m, grid.x_max_m, grid.y_max_m, width / (grid.x_max_m - grid.x_min_m + 3)
-    )
-    for view, color, to_ego in ((frame.infra, INFRA_LIGHT, frame.ego_from_infra), (frame.ego, EGO_LIGHT, None)):
-        if view.points is not None:
-            points = view.points[view.points[:, 2] < grid.z_max_m, :3]
-            strength = min(0.9, BRIGHT_POINTS / max(len(points), 1))
-            canvas.points(points if to_ego is None else to_ego.apply(points), color, strength)
+    canvas = clouds_from_above(frame, grid, width)
     true = frame.labels.boxes[grid.contains_bev(frame.labels.boxes)]
     canvas.boxes(true, np.tile(TRUE_COLOR, (len(true), 1)), thickness=1)
     canvas.boxes(found.boxes, class_colors(found.names), thickness=2)
     canvas.boxes(EGO_FOOTPRINT, np.array([EGO_COLOR], np.uint8), thickness=1)
     put_text(canvas.image, f"{frame.frame_id}: {title}", (12, 26))
     return canvas.image
+
+
+def clouds_from_above(frame: Frame, grid: BevGrid, width: int) -> BevCanvas:
+    """``width`` pixels for the grid and ``MARGIN_M`` behind it, with the clouds that the frame has."""
+    canvas = BevCanvas(
+        grid.x_min_m - MARGIN_M,
+        grid.y_min_m,
+        grid.x_max_m,
+        grid.y_max_m,
+        width / (grid.x_max_m - grid.x_min_m + MARGIN_M),
+    )
+    for view, color, to_ego in ((frame.infra, INFRA_LIGHT, frame.ego_from_infra), (frame.ego, EGO_LIGHT, None)):
+        if view is not None and view.points is not None:
+            points = view.points[view.points[:, 2] < grid.z_max_m, :3]
+            strength = min(0.9, BRIGHT_POINTS / max(len(points), 1))
+            canvas.points(points if to_ego is None else to_ego.apply(points), color, strength)
+    return canvas

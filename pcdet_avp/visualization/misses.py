@@ -13,9 +13,9 @@ from pcdet_avp.structures.bev_grid import BevGrid
 from pcdet_avp.structures.boxes import transform_boxes
 from pcdet_avp.structures.ego import EGO_FOOTPRINT, centre_in_ego
 from pcdet_avp.structures.frame import Frame
-from pcdet_avp.visualization.detections import as_wide_as_boxes
-from pcdet_avp.visualization.draw import WIDTH_PX, BevCanvas, camera_panel, put_text
-from pcdet_avp.visualization.palette import EGO_COLOR, EGO_LIGHT, INFRA_LIGHT
+from pcdet_avp.visualization.detections import as_wide_as_boxes, clouds_from_above
+from pcdet_avp.visualization.draw import WIDTH_PX, camera_panel, put_text
+from pcdet_avp.visualization.palette import EGO_COLOR
 
 # In the order of OBJECT_KINDS: green, amber, blue, red, grey.
 KIND_COLORS = np.array([[80, 200, 110], [250, 190, 60], [90, 150, 255], [255, 70, 70], [150, 150, 150]], np.uint8)
@@ -42,7 +42,9 @@ def miss_picture(
     if frame.infra is not None and frame.infra.image is not None:
         in_infra = transform_boxes(frame.ego_from_infra.inverse(), boxes)
         panels.append(camera_panel(frame.infra, in_infra, colors, "roadside camera", half))
-    canvas = _from_above(frame, as_wide_as_boxes(grid, [labels.boxes, found.boxes]), half)
+    canvas = clouds_from_above(frame, as_wide_as_boxes(grid, [labels.boxes, found.boxes]), half)
+    canvas.image = cv2.resize(canvas.image, (half, len(canvas.image)))  # rounding may have left a pixel
+    canvas.boxes(EGO_FOOTPRINT, np.array([EGO_COLOR], np.uint8), thickness=1)
     canvas.boxes(labels.boxes[~counted], np.tile(np.uint8(NOT_COUNTED_COLOR), ((~counted).sum(), 1)), thickness=1)
     canvas.boxes(boxes, colors, thickness=2)
     canvas.boxes(found.boxes, np.tile(np.uint8(DETECTED_COLOR), (len(found.boxes), 1)), thickness=1)
@@ -51,19 +53,6 @@ def miss_picture(
     height = max(map(len, columns))
     filled = [cv2.copyMakeBorder(c, 0, height - len(c), 0, 0, cv2.BORDER_CONSTANT, value=(18,) * 3) for c in columns]
     return np.vstack([np.hstack(filled), _legend()])
-
-
-def _from_above(frame: Frame, grid: BevGrid, width: int) -> BevCanvas:
-    """``width`` pixels wide; clouds and the ego."""
-    canvas = BevCanvas(
-        grid.x_min_m - 3, grid.y_min_m, grid.x_max_m, grid.y_max_m, width / (grid.x_max_m - grid.x_min_m + 3)
-    )
-    for view, color, to_ego in ((frame.infra, INFRA_LIGHT, frame.ego_from_infra), (frame.ego, EGO_LIGHT, None)):
-        if view is not None and view.points is not None:
-            canvas.points(view.points[:, :3] if to_ego is None else to_ego.apply(view.points[:, :3]), color)
-    canvas.boxes(EGO_FOOTPRINT, np.array([EGO_COLOR], np.uint8), thickness=1)
-    canvas.image = cv2.resize(canvas.image, (width, len(canvas.image)))  # rounding may have left a pixel
-    return canvas
 
 
 def _legend() -> np.ndarray:
