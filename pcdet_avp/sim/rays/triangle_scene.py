@@ -34,7 +34,7 @@ class TriangleScene:
 
     @cached_property
     def _embree(self) -> EmbreeScene:
-        """Filled when the first ray is cast."""
+        """Filled when the first ray is cast, and whole: Embree's binding leaves out what would join it later."""
         scene = EmbreeScene()
         if len(self.mesh.faces):
             TriangleMesh(scene, self.mesh.vertices, self.mesh.faces)

@@ -190,6 +190,7 @@ def test_a_recording_without_any_image_has_no_cameras(damaged):
 
 
 def test_a_time_that_a_roadside_unit_lacks_is_a_frame_without_it(damaged):
+    """And the next frame has its own data, not the next file's (findings/pykitti_missing_scan.sh)."""
     for file in (damaged / "opv2v" / "validate" / "2026_01_02_03_04_05" / "-1").glob("000072*"):
         file.unlink()
     recording = run.open_recording("opv2v", damaged / "opv2v")

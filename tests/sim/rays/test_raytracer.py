@@ -1,6 +1,7 @@
 """Hits computed by hand on boxes and planes."""
 
 import numpy as np
+import pytest
 
 from pcdet_avp.sim.meshes.mesh import Material, box_mesh
 from pcdet_avp.sim.rays.raytracer import FAR_M, NO_FACE, RayTracer, TriangleScene
@@ -26,6 +27,15 @@ def test_order_of_scenes_does_not_matter():
     for tracer in (first, second):
         hits = tracer.cast(np.zeros(3, np.float32), AHEAD[:1])
         assert tracer.instance[hits.face[0]] == 7
+
+
+def test_who_joins_after_the_first_rays_is_seen():
+    """Embree's binding leaves a mesh that is added then invisible (findings/embreex_late_mesh.sh)."""
+    wall = TriangleScene([cube(10, 3)])
+    assert RayTracer([wall]).cast(np.zeros(3, np.float32), AHEAD[:1]).distance[0] == pytest.approx(9, abs=1e-5)
+    both = RayTracer([wall, TriangleScene([cube(5, 7)])])
+    assert both.cast(np.zeros(3, np.float32), AHEAD[:1]).distance[0] == pytest.approx(4, abs=1e-5)
+    assert both.occluded(np.zeros(3, np.float32), AHEAD[:1], np.float32(6))[0]
 
 
 def test_a_limit_before_the_wall_means_no_hit():
