@@ -23,7 +23,7 @@ import yaml
 from easydict import EasyDict
 
 from pcdet_avp import shipped
-from pcdet_avp.config_scenes import known_name, without_defaults
+from pcdet_avp.config_scenes import OPTIONAL_KEYS, known_name, without_defaults
 from pcdet_avp.errors import ConfigError
 
 BASE_KEY = "_BASE_CONFIG_"
@@ -135,8 +135,8 @@ def _merge(base: dict, own: dict, path: Path, prefix: str) -> dict:
 def apply_overrides(cfg: EasyDict, pairs: list[str]) -> EasyDict:
     """Set dotted keys in place, as from ``--set A.B 1 LIST.0.NAME x``, and return ``cfg``.
 
-    Every key must exist. A value keeps the type of the one that it replaces, except that an integer may stand
-    for a float and null may replace, or be replaced by, anything.
+    Every key must exist, but for those that GENERATE may lack (``OPTIONAL_KEYS``). A value keeps the type of the one
+    that it replaces, except that an integer may stand for a float and null may replace, or be replaced by, anything.
     """
     if len(pairs) % 2:
         raise ConfigError(f"--set needs pairs of key and value, found {len(pairs)} words: {' '.join(pairs)}")
@@ -149,6 +149,8 @@ def _override(cfg: EasyDict, parts: list[str], key: str, text: str) -> None:
     holder: Any = cfg
     for depth, part in enumerate(parts[:-1]):
         holder = holder[_child(holder, part, key, parts[:depth])]
+    if isinstance(holder, dict) and parts[-2:-1] == ["GENERATE"] and parts[-1] in OPTIONAL_KEYS:
+        holder.setdefault(parts[-1], None)
     last = _child(holder, parts[-1], key, parts[:-1])
     value = _typed(holder[last], text, key)
     if last in PATH_KEYS and isinstance(value, str):
