@@ -10,7 +10,7 @@ from pcdet_avp.openpcdet.config import openpcdet_config, openpcdet_yaml
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
 
 REPOSITORY = Path(__file__).parents[2]
-NAMES = ("cp_tiny", "cp_small", "cp_full")
+NAMES = ("cp_tiny", "cp_small", "cp_small_first", "cp_full")
 
 
 def theirs(name):
@@ -36,8 +36,8 @@ def test_nothing_of_ours_is_changed_and_little_is_added(name):
     assert "_BASE_CONFIG_" not in str(found)
     data = without(found["DATA_CONFIG"], "TRAIN_SENSOR_SETS", "DATA_PATH")
     assert data == without(ours["DATA_CONFIG"], "DATA_PATH")
-    assert found["DATA_CONFIG"]["DATA_PATH"] == f"data/avp_{name.removeprefix('cp_')}"
-    assert found["DATA_CONFIG"]["TRAIN_SENSOR_SETS"] == list(SENSOR_SETS)
+    assert found["DATA_CONFIG"]["DATA_PATH"] == f"data/avp_{name.split('_')[1]}"
+    assert found["DATA_CONFIG"]["TRAIN_SENSOR_SETS"] == ours["OPTIMIZATION"].get("SENSOR_SETS", list(SENSOR_SETS))
     post = without(found["MODEL"]["POST_PROCESSING"], "EVAL_METRIC")
     assert {**found["MODEL"], "POST_PROCESSING": post} == ours["MODEL"]
     assert {key: found["OPTIMIZATION"][key] for key in ours["OPTIMIZATION"]} == ours["OPTIMIZATION"]
