@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-FORMER = {"cp_small": "cp_small_2", "cp_small_first": "cp_small"}  # up to commit 56162d0
+FORMER = {"cp_small": "cp_small_2", "cp_small_first": "cp_small"}  # before commit 3a64a79
 
 
 def named_in(checkout: Path, file: str) -> str:

@@ -110,5 +110,5 @@ def test_the_hash_is_that_of_the_file_before_the_sections_were_written_out(file,
 
 
 def test_cp_small_is_in_every_value_what_cp_small_2_was():
-    """Counted at commit 56162d0, the last one that had that name: what was begun with it goes on by the hash."""
+    """Counted at commit 56162d0, which had that name: what was begun with it goes on by the hash."""
     assert config_hash(json.loads(json.dumps(load_config(CFGS / "avp/cp_small.yaml")))) == "0427c8cd3423c790"
