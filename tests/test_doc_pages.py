@@ -41,12 +41,32 @@ def keys_of(value):
             yield from keys_of(inner)
 
 
-@pytest.mark.parametrize("file", ["avp/cp_full.yaml", "dataset_configs/avp_full.yaml", "closed_loop.yaml"])
+@pytest.mark.parametrize(
+    "file",
+    [
+        "avp/cp_full.yaml",
+        "avp/cp_small.yaml",
+        "avp/cp_small_depth.yaml",
+        "dataset_configs/avp_full.yaml",
+        "closed_loop.yaml",
+    ],
+)
 def test_the_configuration_page_has_every_key(file):
-    agents_and_modes = {"ego", "infra", "train", "test", "_BASE_CONFIG_", "DATA_CONFIG", "MODEL", "OPTIMIZATION"}
+    agents_and_modes = {
+        "Car",
+        "Pedestrian",
+        "ego",
+        "infra",
+        "train",
+        "test",
+        "_BASE_CONFIG_",
+        "DATA_CONFIG",
+        "MODEL",
+        "OPTIMIZATION",
+    }
     named = set(re.findall(r"`(\w+)`", (DOCS / "configuration.md").read_text(encoding="utf-8")))
     content = yaml.safe_load((ROOT / "cfgs" / file).read_text(encoding="utf-8"))
-    missing = set(keys_of(content)) - named - agents_and_modes
+    missing = {key for key in keys_of(content) if "." not in key} - named - agents_and_modes
     assert not missing
 
 
