@@ -26,6 +26,8 @@ class MarkedYaml:
         except yaml.YAMLError as error:
             mark = getattr(error, "problem_mark", None)
             raise self.error(mark.line + 1 if mark else 1, getattr(error, "problem", None) or str(error)) from error
+        except RecursionError as error:
+            raise self.error(1, "nested too deeply") from error
         if node is None:
             raise self.error(1, "expected a plan, found an empty file")
         self._inside: list[yaml.Node] = []  # the values that the one being read lies in
