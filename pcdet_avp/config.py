@@ -33,7 +33,21 @@ LATER_KEYS = {"ROADSIDE_UNIT": None, "SPLIT_BY": "scene", "MAX_BYTES": None, "CO
 
 
 class _Loader(yaml.SafeLoader):
-    """Safe YAML that reads 1e-3 as a number and refuses a key written twice."""
+    """Safe YAML that reads 1e-3 as a number; it refuses a key written twice, and an alias of what it lies in."""
+
+    def __init__(self, stream) -> None:
+        super().__init__(stream)
+        self._inside: list[str | None] = []  # anchors of the values that the one being read lies in
+
+    def compose_node(self, parent, index):
+        event = self.peek_event()
+        if isinstance(event, yaml.AliasEvent) and event.anchor in self._inside:
+            problem = f"alias *{event.anchor} of what it lies in has no end"
+            raise yaml.composer.ComposerError(None, None, problem, event.start_mark)
+        self._inside.append(event.anchor)
+        node = super().compose_node(parent, index)
+        self._inside.pop()
+        return node
 
     def construct_mapping(self, node, deep=False):
         seen = set()
@@ -73,6 +87,8 @@ def _read_yaml(path: Path) -> Any:
         raise ConfigError(f"{path}: cannot read this configuration file ({error.strerror})") from error
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: not UTF-8 text ({error})") from error
+    except RecursionError as error:
+        raise ConfigError(f"{path}: broken YAML: nested too deeply") from error
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = f"line {mark.line + 1}" if mark else "unknown line"
@@ -177,7 +193,7 @@ def _typed(old: Any, text: str, key: str) -> Any:
     """Parse ``text`` as YAML and hold it against the type of the value that it replaces."""
     try:
         new = yaml.load(text, _Loader)
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, RecursionError) as error:
         raise ConfigError(f"--set {key}: {text!r} is not a YAML value") from error
     if isinstance(old, str) and new is not None and not isinstance(new, str):
         return text
