@@ -1,6 +1,6 @@
 """What each part behind the encoders is worth: the encoders shared and frozen, everything else begun anew alike.
 
-    python benchmarks/ablations.py --cfg cfgs/avp/cp_small_2.yaml --ckpt F [--rows default,max_fusion] [--seeds 0,1]
+    python benchmarks/ablations.py --cfg cfgs/avp/cp_small.yaml --ckpt F [--rows default,max_fusion] [--seeds 0,1]
         [--epochs 2] [--split test] [--combos C+C,CL+C,CL+CL] [--set DATA_CONFIG.DATA_PATH D] [--out DIR]
 
 Every row, ``default`` included, takes the encoders of the weights F and trains fuser, codec, backbone and head from
@@ -12,7 +12,7 @@ AP of each seed and the paired difference to ``default`` of the same seed, with 
 trained with and is therefore trained, too; no bytes count, and the roadside sends nothing else: a bound, not a method.
 Without a LiDAR on both sides it is the vehicle alone.
 Boxes sent instead of maps (late fusion) need no training: see tools/bandwidth_report.py and
-docs/results/cp_small_late_fusion.md.
+docs/results/cp_small_first_late_fusion.md.
 
 Resumable: rows that are done are read again, a row that was interrupted goes on; rows and seeds may be added, but the
 folder belongs to one configuration, data set, F, split, list of combinations and number of epochs (asked.json).

@@ -22,6 +22,7 @@ import os
 import resource
 import shutil
 import sys
+import threading
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -105,6 +106,7 @@ def kills(args: argparse.Namespace) -> list[dict]:
     from endurance_works import works
 
     torch.set_num_threads(1)
+    tqdm.set_lock(threading.RLock())  # its own is shared by forks: one that is killed while it holds it would stop us
     adopt_orphans()
     _import_tools()
     lines, place = Lines(args.out / KILLS), args.out.resolve() / "work"

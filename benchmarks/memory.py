@@ -1,7 +1,7 @@
 """Peak memory of inference with all sensors, this checkout's beside another's, step by step.
 
     git worktree add ../old c063a55
-    python benchmarks/memory.py [--old ../old] [--cfg cfgs/avp/cp_small.yaml] [--ckpt weights/cp_small.pth]
+    python benchmarks/memory.py [--old ../old] [--cfg cfgs/avp/cp_small_first.yaml] [--ckpt weights/cp_small_first.pth]
 
 A frame is captured first, by a process of its own; then each side's process loads the network, and detects in the frame
 ``--repeat`` times. Printed is the largest resident size (MB) that its kernel has seen after each step, which another
@@ -18,13 +18,15 @@ import sys
 import tempfile
 from pathlib import Path
 
+from editions import named_in
+
 HERE = Path(__file__).resolve().parents[1]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--old", type=Path, help="another checkout")
-    parser.add_argument("--cfg", default="cfgs/avp/cp_small.yaml")
+    parser.add_argument("--cfg", default="cfgs/avp/cp_small_first.yaml", help="of each side's own checkout")
     parser.add_argument("--ckpt", default="none", help="default: random weights")
     parser.add_argument("--repeat", type=int, default=3)
     parser.add_argument("--frame", type=Path, help=argparse.SUPPRESS)
@@ -43,8 +45,9 @@ def main() -> None:
 
 def run(checkout: Path, args: argparse.Namespace, frame: Path, step: str) -> None:
     """One step in a process that imports this checkout's package."""
-    command = [sys.executable, __file__, "--step", step, "--frame", str(frame), "--cfg", str(checkout / args.cfg)]
-    command += ["--ckpt", args.ckpt, "--repeat", str(args.repeat)]
+    command = [sys.executable, __file__, "--step", step, "--frame", str(frame), "--cfg"]
+    command += [str(checkout / named_in(checkout, args.cfg)), "--ckpt", named_in(checkout, args.ckpt)]
+    command += ["--repeat", str(args.repeat)]
     subprocess.run(command, check=True, cwd=checkout, env={**os.environ, "PYTHONPATH": str(checkout)})
 
 

@@ -1,7 +1,8 @@
 """This checkout's network beside another checkout's, on the same frames and weights: answers, times and memory.
 
     git worktree add ../old c063a55
-    python benchmarks/old_and_new.py --old ../old [--ckpt weights/cp_small.pth] [--amp] [--threads 1] [--train CL+CL]
+    python benchmarks/old_and_new.py --old ../old [--cfg cfgs/avp/cp_small_first.yaml] [--amp] [--threads 1]
+        [--train CL+CL]
 
 Each side runs in a process of its own with its own checkout on the path, and the sides take turns: a round is one pass
 over all frames on one side, then on the other, and the next round starts with the other side. Printed are medians over
@@ -26,6 +27,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
+from editions import named_in
 
 HERE = Path(__file__).resolve().parent.parent
 SEGMENT_BYTES = 1475
@@ -36,9 +38,9 @@ TOTALS = {"roadside": "roadside half", "vehicle": "vehicle half", "train": "trai
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--old", type=Path, help="the other checkout")
-    parser.add_argument("--cfg", default="cfgs/avp/cp_small.yaml", help="read on each side from its own checkout")
+    parser.add_argument("--cfg", default="cfgs/avp/cp_small_first.yaml", help="of each side's own checkout")
     parser.add_argument("--new-cfg", help="of this checkout, where it is to be another one")
-    parser.add_argument("--ckpt", default=str(HERE / "weights/cp_small.pth"), help="'none': random weights")
+    parser.add_argument("--ckpt", default=str(HERE / "weights/cp_small_first.pth"), help="'none': random weights")
     parser.add_argument("--new-ckpt")
     parser.add_argument("--frames", type=int, default=4, help="captured now, each in a scene of its own")
     parser.add_argument("--keep-frames", type=Path, help="a file that the frames are kept in and read from")
@@ -98,7 +100,7 @@ class Side:
         cfg, ckpt = args.cfg, args.ckpt
         if name == "new":
             cfg, ckpt = args.new_cfg or cfg, args.new_ckpt or ckpt
-        command = [sys.executable, __file__, "--worker", name, "--cfg", str(root / cfg), "--ckpt", ckpt]
+        command = [sys.executable, __file__, "--worker", name, "--cfg", str(root / named_in(root, cfg)), "--ckpt", ckpt]
         command += ["--keep-frames", str(frames), "--threads", str(args.threads), "--batch", str(args.batch)]
         command += ["--amp"] * args.amp + ["--train", str(args.train)] * bool(args.train)
         environment = {**os.environ, "PYTHONPATH": str(root), "OMP_WAIT_POLICY": "PASSIVE"}

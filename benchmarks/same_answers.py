@@ -1,10 +1,10 @@
 """Whether two checkouts compute the same: records, detections, packets and episodes, from the same commands.
 
     git worktree add ../before COMMIT
-    python benchmarks/same_answers.py --old ../before
+    python benchmarks/same_answers.py --old ../before [--network cp_small_first]
 
-Both sides run the command-line tools with the shipped ``cp_small`` weights in folders of their own: 6 frames are made,
-tested through the wire with all sensor sets, packed as transport segments, and 3 scenarios are driven. Records,
+Both sides run the command-line tools with the weights of one network (cp_small) in folders of their own: 6 frames are
+made, tested through the wire with all sensor sets, packed as transport segments, and 3 scenarios are driven. Records,
 segments and episodes must be equal byte by byte (columns of episodes may have moved), detections within
 ``--tolerance``. Prints one line for each comparison; exit status 1 if anything differs. A few minutes on two cores.
 """
@@ -23,10 +23,10 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
+from editions import named_in
 from tqdm import tqdm
 
 HERE = Path(__file__).resolve().parents[1]
-CFG, WEIGHTS = "cfgs/avp/cp_small.yaml", "weights/cp_small.pth"
 FRAMES = 6
 UNIT = re.compile(r"_mps[23]?$")  # of speeds, decelerations and jerks
 ONE_A_SCENE = ["DATA_CONFIG.GENERATE.FRAMES_PER_SCENE", "1"]
@@ -64,8 +64,8 @@ for number, folder in enumerate(sorted(data.glob("scenes/*/*/frame.json"))):
 class Side:
     """One checkout with a folder for what it makes."""
 
-    def __init__(self, checkout: Path, folder: Path) -> None:
-        self.checkout, self.folder = checkout.resolve(), folder
+    def __init__(self, checkout: Path, folder: Path, network: str) -> None:
+        self.checkout, self.folder, self.network = checkout.resolve(), folder, network
         folder.mkdir()
 
     def python(self, *arguments: str) -> None:
@@ -80,11 +80,11 @@ class Side:
 
     @property
     def cfg(self) -> str:
-        return str(self.checkout / CFG)
+        return str(self.checkout / named_in(self.checkout, f"cfgs/avp/{self.network}.yaml"))
 
     @property
     def weights(self) -> str:
-        return str(self.checkout / WEIGHTS)
+        return str(self.checkout / named_in(self.checkout, f"weights/{self.network}.pth"))
 
 
 def make_records(side: Side) -> None:
@@ -182,10 +182,12 @@ def compare(old: Side, new: Side, tolerance: float) -> Iterator[tuple[str, bool,
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--old", type=Path, required=True, help="another checkout of this repository")
+    parser.add_argument("--network", default="cp_small", help="under its name of today (default: cp_small)")
     parser.add_argument("--tolerance", type=float, default=0.0, help="of detections (default: 0, equal bits)")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        sides = Side(args.old, Path(folder, "old")), Side(HERE, Path(folder, "new"))
+        checkouts = {"old": args.old, "new": HERE}
+        sides = [Side(checkout, Path(folder, name), args.network) for name, checkout in checkouts.items()]
         results = list(compare(*sides, args.tolerance))
     for what, same, details in results:
         print(f"{'same ' if same else 'OTHER'} {what}: {details}")

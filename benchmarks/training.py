@@ -4,9 +4,10 @@
     python benchmarks/training.py --old ../old [--rounds 10] [--combos C+none C+C CL+CL] [--amp] [--threads 1]
 
 For each sensor set three processes take turns, and every round begins with another one: the old checkout's
-``cp_small``, this checkout's, and this checkout's ``cp_small_2``. An iteration is forward pass, losses, backward pass,
-clipping and optimiser, of ``--batch`` frames. Printed are medians of processor time (all threads) in milliseconds a
-frame, ratios to the old checkout's with their quartiles over the rounds, and the machine's load before and after.
+``cp_small_first``, this checkout's, and this checkout's ``cp_small``. An iteration is forward pass, losses, backward
+pass, clipping and optimiser, of ``--batch`` frames. Printed are medians of processor time (all threads) in
+milliseconds a frame, ratios to the old checkout's with their quartiles over the rounds, and the machine's load before
+and after.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ import numpy as np
 from old_and_new import TOTALS, Side, capability, capture_frames
 
 STEP = TOTALS["train"]
-SIDES = ("old", "new", "new, cp_small_2")
+SIDES = ("old", "new", "new, cp_small")
 
 
 def main() -> None:
@@ -59,7 +60,7 @@ def _options(args: argparse.Namespace, name: str, combo: str) -> argparse.Namesp
     """What ``old_and_new.Side`` reads; weights are random, since an iteration's time does not depend on them."""
     options = copy.copy(args)
     options.train, options.ckpt, options.new_ckpt = combo, "none", None
-    options.cfg = "cfgs/avp/cp_small_2.yaml" if name.endswith("cp_small_2") else "cfgs/avp/cp_small.yaml"
+    options.cfg = "cfgs/avp/cp_small.yaml" if name.endswith("cp_small") else "cfgs/avp/cp_small_first.yaml"
     options.new_cfg = None
     return options
 

@@ -23,7 +23,7 @@ import yaml
 from easydict import EasyDict
 
 from pcdet_avp import shipped
-from pcdet_avp.config_scenes import known_name, without_defaults
+from pcdet_avp.config_scenes import OPTIONAL_KEYS, known_name, without_defaults
 from pcdet_avp.errors import ConfigError
 
 BASE_KEY = "_BASE_CONFIG_"
@@ -33,7 +33,21 @@ LATER_KEYS = {"ROADSIDE_UNIT": None, "SPLIT_BY": "scene", "MAX_BYTES": None, "CO
 
 
 class _Loader(yaml.SafeLoader):
-    """Safe YAML that reads 1e-3 as a number and refuses a key written twice."""
+    """Safe YAML that reads 1e-3 as a number; it refuses a key written twice, and an alias of what it lies in."""
+
+    def __init__(self, stream) -> None:
+        super().__init__(stream)
+        self._inside: list[str | None] = []  # anchors of the values that the one being read lies in
+
+    def compose_node(self, parent, index):
+        event = self.peek_event()
+        if isinstance(event, yaml.AliasEvent) and event.anchor in self._inside:
+            problem = f"alias *{event.anchor} of what it lies in has no end"
+            raise yaml.composer.ComposerError(None, None, problem, event.start_mark)
+        self._inside.append(event.anchor)
+        node = super().compose_node(parent, index)
+        self._inside.pop()
+        return node
 
     def construct_mapping(self, node, deep=False):
         seen = set()
@@ -73,6 +87,8 @@ def _read_yaml(path: Path) -> Any:
         raise ConfigError(f"{path}: cannot read this configuration file ({error.strerror})") from error
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: not UTF-8 text ({error})") from error
+    except RecursionError as error:
+        raise ConfigError(f"{path}: broken YAML: nested too deeply") from error
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = f"line {mark.line + 1}" if mark else "unknown line"
@@ -135,8 +151,8 @@ def _merge(base: dict, own: dict, path: Path, prefix: str) -> dict:
 def apply_overrides(cfg: EasyDict, pairs: list[str]) -> EasyDict:
     """Set dotted keys in place, as from ``--set A.B 1 LIST.0.NAME x``, and return ``cfg``.
 
-    Every key must exist. A value keeps the type of the one that it replaces, except that an integer may stand
-    for a float and null may replace, or be replaced by, anything.
+    Every key must exist, but for those that GENERATE may lack (``OPTIONAL_KEYS``). A value keeps the type of the one
+    that it replaces, except that an integer may stand for a float and null may replace, or be replaced by, anything.
     """
     if len(pairs) % 2:
         raise ConfigError(f"--set needs pairs of key and value, found {len(pairs)} words: {' '.join(pairs)}")
@@ -149,6 +165,8 @@ def _override(cfg: EasyDict, parts: list[str], key: str, text: str) -> None:
     holder: Any = cfg
     for depth, part in enumerate(parts[:-1]):
         holder = holder[_child(holder, part, key, parts[:depth])]
+    if isinstance(holder, dict) and parts[-2:-1] == ["GENERATE"] and parts[-1] in OPTIONAL_KEYS:
+        holder.setdefault(parts[-1], None)
     last = _child(holder, parts[-1], key, parts[:-1])
     value = _typed(holder[last], text, key)
     if last in PATH_KEYS and isinstance(value, str):
@@ -175,7 +193,7 @@ def _typed(old: Any, text: str, key: str) -> Any:
     """Parse ``text`` as YAML and hold it against the type of the value that it replaces."""
     try:
         new = yaml.load(text, _Loader)
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, RecursionError) as error:
         raise ConfigError(f"--set {key}: {text!r} is not a YAML value") from error
     if isinstance(old, str) and new is not None and not isinstance(new, str):
         return text

@@ -14,6 +14,8 @@ from pcdet_avp.config_fields import fields_from
 from pcdet_avp.structures.scene_config import EgoZone, GarageConfig, MastConfig, SceneConfig
 
 LATER_KEYS = ("PLAN", "GARAGE_SEED", "MAST")  # of GENERATE: null, or absent, means what data sets were without them
+# Keys of GENERATE that a configuration may lack; --set may add them.
+OPTIONAL_KEYS = (*LATER_KEYS, "SPLIT", "SOURCES")
 # Fields that other keys set.
 ELSEWHERE = {"GARAGE": (), "SCENE": ("frames", "frame_interval_s", "garage", "plan", "garage_seed", "mast")}
 

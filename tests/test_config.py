@@ -64,6 +64,9 @@ BROKEN = {
     "": r"c.yaml: expected a mapping at the top, found nothing",
     "M: {_BASE_CONFIG_: nowhere.yaml}\n": r"c.yaml: M._BASE_CONFIG_ names 'nowhere.yaml', but there is no file",
     "_BASE_CONFIG_: [a]\n": r"c.yaml: _BASE_CONFIG_ must be the path of a file, found a list",
+    "A: &a {B: 1, C: *a}\n": r"c.yaml: broken YAML in line 1: alias \*a of what it lies in has no end",
+    "A: 1\nB: &b [[*b]]\n": r"c.yaml: broken YAML in line 2: alias \*b",
+    f"A: {'[' * 9999}\n": r"c.yaml: broken YAML: nested too deeply",
     "1: 2\n": r"c.yaml: keys must be text, found 1",
     "A: !!python/object/apply:os.getcwd []\n": r"c.yaml: broken YAML in line 1: could not determine a constructor",
 }
@@ -73,6 +76,14 @@ BROKEN = {
 def test_a_broken_file_is_named_with_its_line_or_key(write, text):
     with pytest.raises(ConfigError, match=BROKEN[text]):
         load_config(write("c.yaml", text))
+
+
+def test_an_alias_stands_for_its_value_wherever_it_is_named(write):
+    cfg = load_config(write("c.yaml", "A: &a {B: 1, C: [&n 2, *n]}\nD: *a\nE: {<<: *a, B: 3}\n"))
+    assert cfg.D == {"B": 1, "C": [2, 2]}
+    assert cfg.E == {"B": 3, "C": [2, 2]}
+    with pytest.raises(ConfigError, match=r"--set A.C: .* is not a YAML value"):
+        apply_overrides(cfg, ["A.C", "&a [*a]"])
 
 
 def test_a_missing_or_unreadable_file_is_named(tmp_path):

@@ -96,11 +96,19 @@ def test_what_is_absent_and_what_is_written_out_compare_equal(cfg):
     ("file", "digits"),
     [
         ("avp/cp_full", "f8f1c8b2bd1aea71"),
-        ("avp/cp_small", "e2514a0f7636d997"),
+        ("avp/cp_small_first", "e2514a0f7636d997"),
         ("avp/cp_tiny", "3cc32c5456ae1379"),
         ("dataset_configs/avp_low_ceiling", "6fc30173637e9128"),
     ],
 )
 def test_the_hash_is_that_of_the_file_before_the_sections_were_written_out(file, digits):
-    """Counted at commit c063a55, of the same keys: sweeps and bandwidth studies of then go on by it."""
+    """Counted at commit c063a55, of the same keys: sweeps and bandwidth studies of then go on by it.
+
+    cp_small_first's name was cp_small then.
+    """
     assert config_hash(json.loads(json.dumps(load_config(CFGS / f"{file}.yaml")))) == digits
+
+
+def test_cp_small_is_in_every_value_what_cp_small_2_was():
+    """Counted at commit 56162d0, which had that name: what was begun with it goes on by the hash."""
+    assert config_hash(json.loads(json.dumps(load_config(CFGS / "avp/cp_small.yaml")))) == "0427c8cd3423c790"

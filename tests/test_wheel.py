@@ -47,7 +47,7 @@ def test_a_wheel_carries_all_code_configurations_weights_and_tables(monkeypatch)
     assert files >= {f"pcdet_avp/_data/{name}" for name in configurations}
     assert "pcdet_avp/_data/cfgs/avp/cp_small.yaml" in files
     assert files >= {"pcdet_avp/py.typed", "pcdet_avp/evaluation/paper_tables.json"}
-    assert files >= {f"pcdet_avp/_data/weights/{name}.pth" for name in ("cp_small", "cp_small_2")}
+    assert files >= {f"pcdet_avp/_data/weights/{name}.pth" for name in ("cp_small", "cp_small_first")}
     assert not [name for name in files if not name.startswith("pcdet_avp/")]
 
 

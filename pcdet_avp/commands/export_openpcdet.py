@@ -14,13 +14,13 @@ from pcdet_avp.errors import ConfigError
 from pcdet_avp.files import write_text
 from pcdet_avp.openpcdet.config import openpcdet_yaml
 
-SOURCES = ("cfgs/avp/cp_tiny.yaml", "cfgs/avp/cp_small.yaml", "cfgs/avp/cp_full.yaml")
+NAMES = ("cp_tiny", "cp_small", "cp_small_first", "cp_full")
 FOLDER = Path("cfgs") / "openpcdet"
 
 
 def parse_arguments() -> argparse.Namespace:
     parser = Parser(description="Configurations for OpenPCDet's own scripts.")
-    parser.add_argument("--cfg", "--cfg_file", dest="cfg", metavar="FILE", help="default: cp_tiny, cp_small, cp_full")
+    parser.add_argument("--cfg", "--cfg_file", dest="cfg", metavar="FILE", help=f"default: {', '.join(NAMES)}")
     parser.add_argument("--out", type=path, metavar="FILE", help="file to write, with --cfg")
     return parser.parse_args()
 
@@ -32,7 +32,7 @@ def main() -> None:
     if args.cfg:
         export(args.cfg, Path(args.cfg), args.out)
         return
-    for source in SOURCES:
+    for source in (f"cfgs/avp/{name}.yaml" for name in NAMES):
         export(source, shipped.ROOT / source, shipped.home() / FOLDER / Path(source).name)
 
 

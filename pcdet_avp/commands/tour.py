@@ -25,7 +25,7 @@ from pcdet_avp.visualization.page import render
 def parse_arguments() -> argparse.Namespace:
     parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=path, default=Path("output", "tour"), help="default: output/tour")
-    parser.add_argument("--weights", default="weights/cp_small_2.pth", help="default: those of the package")
+    parser.add_argument("--weights", default="weights/cp_small.pth", help="default: those of the package")
     parser.add_argument("--train_minutes", type=non_negative_float, default=2.0, help="0: no training (default: 2)")
     parser.add_argument("--episodes", type=positive_int, default=3, help="with the network driving (default: 3)")
     return parser.parse_args()

@@ -30,8 +30,8 @@ from pcdet_avp.structures.sensor_set import SENSOR_SETS
 NEARLY_THE_SAME = 0.85  # likeness of two names (difflib) from which on one is taken for a misspelling of the other
 SLOW_CELLS = 100_000  # BEV cells from which on a network belongs on a GPU
 SLOW = (
-    "{cfg} on a CPU will take weeks; cfgs/avp/cp_small.yaml is made for two CPU cores and hours. To save memory the "
-    "encoders are computed again in the backward pass, which changes no result"
+    "{cfg} on a CPU will take weeks; cfgs/avp/cp_small_scratch.yaml is made for two CPU cores and hours. To save "
+    "memory the encoders are computed again in the backward pass, which changes no result"
 )
 
 

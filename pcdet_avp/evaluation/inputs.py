@@ -12,7 +12,7 @@ from pcdet_avp.structures.bev_grid import BevGrid
 from pcdet_avp.structures.boxes import check_boxes
 from pcdet_avp.structures.camera import PinholeCamera
 from pcdet_avp.structures.ego import overlaps_ego
-from pcdet_avp.structures.frame import Labels
+from pcdet_avp.structures.frame import DIFFICULTIES, Labels
 
 
 @dataclass(frozen=True)
@@ -50,8 +50,12 @@ class GroundTruth:
     wedge: Wedge | None = None
 
     def __post_init__(self) -> None:
+        _take_rows(self, "difficulty")
         check_boxes(self.boxes, f"ground truth of frame {self.frame_id!r}")
         _check_rows(self, "names", "difficulty")
+        if not np.isin(self.difficulty, range(len(DIFFICULTIES))).all():
+            known = ", ".join(f"{i} ({name})" for i, name in enumerate(DIFFICULTIES))
+            raise EvaluationError(f"frame {self.frame_id!r}: difficulty: expected {known}, found {self.difficulty}")
 
     @classmethod
     def from_labels(cls, frame_id: str, labels: Labels, camera: PinholeCamera | None = None) -> GroundTruth:
@@ -75,6 +79,7 @@ class Detections:
     scores: np.ndarray
 
     def __post_init__(self) -> None:
+        _take_rows(self, "scores")
         check_boxes(self.boxes, f"detections of frame {self.frame_id!r}")
         _check_rows(self, "names", "scores")
         if not np.isfinite(self.scores).all():
@@ -100,6 +105,17 @@ def wedge_rows(ground_truths: Sequence[GroundTruth]) -> np.ndarray:
     """(F, 5) the fields of each frame's ``Wedge``, NaN without one."""
     rows = [(np.nan,) * 5 if truth.wedge is None else astuple(truth.wedge) for truth in ground_truths]
     return np.array(rows, dtype=np.float64).reshape(-1, 5)
+
+
+def _take_rows(frame: GroundTruth | Detections, numbers: str) -> None:
+    """Lists as arrays, names as text: a list of names would compare with a name as a whole, and match nothing."""
+    names = np.asarray(frame.names)
+    if names.dtype.kind not in "USO" and names.size:
+        raise EvaluationError(f"frame {frame.frame_id!r}: names: expected class names, found {names.dtype}")
+    object.__setattr__(frame, "names", names.astype(str))
+    object.__setattr__(frame, numbers, np.asarray(getattr(frame, numbers)))
+    boxes = np.asarray(frame.boxes)
+    object.__setattr__(frame, "boxes", boxes if boxes.size else boxes.reshape(-1, max(boxes.shape[-1], 7)))
 
 
 def _check_rows(frame: GroundTruth | Detections, *names: str) -> None:

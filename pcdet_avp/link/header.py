@@ -14,13 +14,15 @@ MODALITIES = ("camera", "lidar")
 # Largest map that is sent or read: 64 channels of 376 x 280 cells fit, an announced gigabyte does not.
 MAX_ELEMENTS = 1 << 23
 MAX_SENDERS = 1 << 16  # numbers that a roadside unit can have
+MAX_ROUNDING_M = 0.01  # of x and y as float32, which has steps of 8 mm from 65 km on, of half a metre in UTM northings
 
 
 @dataclass(frozen=True)
 class MapStamp:
     """Which capture a map shows: frame id, time in microseconds, modality, the planar pose world_from_agent, sender.
 
-    The pose travels, and is kept here, as float32: metres, metres, radians. ``sender`` is the number of the roadside
+    The pose travels, and is kept here, as float32: metres, metres, radians; PacketError where that would move it by
+    more than a centimetre. ``sender`` is the number of the roadside
     unit at its site, 0 to 65535; a site's only unit is number 0.
     """
 
@@ -43,6 +45,12 @@ class MapStamp:
             pose = [float(np.float32(getattr(self, name))) for name in ("x_m", "y_m", "yaw_rad")]
         if not np.isfinite(pose).all():
             raise PacketError(f"pose: expected finite x, y and yaw, found {pose}")
+        off_m = max(abs(pose[0] - self.x_m), abs(pose[1] - self.y_m))
+        if off_m > MAX_ROUNDING_M:
+            raise PacketError(
+                f"pose: x {self.x_m:.3f} and y {self.y_m:.3f} m travel as float32, which moves them by {off_m:.2g} m: "
+                "expected a frame of the site, whose origin is near"
+            )
         for name, value in zip(("x_m", "y_m", "yaw_rad"), pose, strict=True):
             object.__setattr__(self, name, value)
 

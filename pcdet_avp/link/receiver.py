@@ -66,9 +66,10 @@ class Stream:
         newest_frame = max([self.last_used, *self.maps])
         return header.stamp.frame_id < newest_frame and header.stamp.time_us > self._newest_us + RESTART_US
 
-    def take(self, oldest_us: float) -> LatentMap | None:
-        """The newest map worth using of those captured at ``oldest_us`` or later."""
-        held = {frame: partial for frame, partial in self.maps.items() if partial.stamp.time_us >= oldest_us}
+    def take(self, now_us: float, max_age_us: float) -> LatentMap | None:
+        """The newest map worth using of those captured at most so long before ``now_us``, or after it: a capture from
+        the future is that of a wrong clock, and would never grow old."""
+        held = {f: partial for f, partial in self.maps.items() if abs(now_us - partial.stamp.time_us) <= max_age_us}
         if not held:
             return None
         enough = FULL_ENOUGH * max(partial.cells_present for partial in held.values())
@@ -91,7 +92,8 @@ class Receiver:
     """
 
     def __init__(self, shape: tuple[int, int, int] | None = None, max_age_us: int | None = None) -> None:
-        """``shape`` (C, H, W): the only one to accept. ``max_age_us``: older maps are not given out."""
+        """``shape`` (C, H, W): the only one to accept. ``max_age_us``: maps that are older, or that say to be captured
+        so much later than they are taken, are not given out."""
         self._shape, self._max_age_us = shape, max_age_us
         self._streams: dict[StreamKey, Stream] = {}  # the one heard last comes last
         # Segments by what became of them: accepted, repeated, late, damaged.
@@ -111,7 +113,7 @@ class Receiver:
         stream = self._streams.get(StreamKey(sender, modality))
         if stream is None:
             return None
-        return stream.take(-float("inf") if self._max_age_us is None else now_us - self._max_age_us)
+        return stream.take(now_us, float("inf") if self._max_age_us is None else self._max_age_us)
 
     def take_all(self, now_us: int) -> list[LatentMap]:
         """What ``take`` gives of every sender and modality, ordered by both."""

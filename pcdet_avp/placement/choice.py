@@ -20,6 +20,7 @@ from scipy.sparse import csr_array, eye_array, hstack, vstack
 LAGRANGE_STEPS = 800
 MOST_NONZEROS = 400_000  # of the MILP; a larger one is relaxed by joining elements
 EPS = 1e-12
+FREE_PRICE = 1e-9  # what an option that costs nothing counts as, where gains are compared by price
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +58,8 @@ class Coverage:
 def joined(coverage: Coverage) -> Coverage:
     """The same problem: elements that exactly the same options cover are one, those that do not count are left out."""
     useful = np.flatnonzero((coverage.weights > 0) & coverage.covers.any(0))
+    if not len(useful):
+        return Coverage(coverage.covers[:, :0], coverage.weights[:0], coverage.prices)
     packed = np.packbits(coverage.covers[:, useful], axis=0).T
     keys = np.ascontiguousarray(packed).view([("", packed.dtype)] * packed.shape[1]).ravel()
     _, first, number = np.unique(keys, return_index=True, return_inverse=True)
@@ -67,10 +70,10 @@ def joined(coverage: Coverage) -> Coverage:
 def greedy(coverage: Coverage, units: int, budget: float = np.inf, per_price: bool = False) -> list[int]:
     """Always the option that adds most weight (``per_price``: most weight for its price) and can still be paid."""
     chosen: list[int] = []
-    while len(chosen) < units:
+    while len(chosen) < min(units, len(coverage.prices)):
         gains = coverage.gains(chosen).astype(float)
         gains[coverage.prices > budget - coverage.cost(chosen) + 1e-9] = -1.0
-        score = gains / coverage.prices if per_price else gains
+        score = gains / np.maximum(coverage.prices, FREE_PRICE) if per_price else gains
         best = int(score.argmax())
         if gains[best] <= EPS:
             break
@@ -197,7 +200,8 @@ def choose(coverage: Coverage, units: int, seconds: float = 60.0) -> Answer:
     found = {"greedy": first, "local search": exchanged(small, first)}
     best = max(small.of(chosen) for chosen in found.values())
     bounds = [gains_bound(small, chosen, units) for chosen in found.values()]
-    bounds.append(lagrange_bound(small, units, best))
+    if small.covers.size:
+        bounds.append(lagrange_bound(small, units, best))
     if seconds > 0 and small.covers.size:
         exact = solve_milp(small, units, seconds)
         bounds.append(exact.bound)

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from pcdet_avp.config_rules import COUNT, ELEVATION, FIELD_OF_VIEW, FROM_0, POSITIVE, TURN, Rule
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.structures.camera import PinholeCamera
 from pcdet_avp.structures.lidar_scan import LidarModel
@@ -18,6 +20,21 @@ from pcdet_avp.structures.pose import Pose
 from pcdet_avp.structures.roadside_unit import MountedUnit
 
 SET_NAMES = ("C", "L", "CL")
+# Keys of SENSORS. A price of 0 is that of something which hangs there already.
+RULES: dict[str, dict[str, Rule]] = {
+    "CAMERA": {"WIDTH": COUNT, "HEIGHT": COUNT, "HFOV_DEG": FIELD_OF_VIEW, "PIXELS": COUNT},
+    "LIDAR": {
+        "BEAMS": COUNT,
+        "COLUMNS": COUNT,
+        "ELEVATION_MIN_DEG": ELEVATION,
+        "ELEVATION_MAX_DEG": ELEVATION,
+        "AZIMUTH_SPAN_DEG": TURN,
+        "RANGE_M": POSITIVE,
+        "RETURNS": COUNT,
+    },
+    "PRICE": {"UNIT": FROM_0, "CAMERA": FROM_0, "LIDAR": FROM_0},
+    "": {"MAP_BYTES": COUNT, "RATE_HZ": POSITIVE},
+}
 LOW, HIGH = (2.8, 10.0), (7.0, 30.0)  # height (m) and pitch (degrees) of avp_low_ceiling.yaml and of the paper
 
 
@@ -49,28 +66,29 @@ class SensorModels:
 
     @classmethod
     def from_config(cls, cfg: Mapping) -> SensorModels:
-        """SENSORS of cfgs/placement.yaml; ConfigError for an unknown key or a missing one."""
-        camera, lidar, price = cfg.get("CAMERA", {}), cfg.get("LIDAR", {}), cfg.get("PRICE", {})
-        try:
-            return cls(
-                camera["WIDTH"],
-                camera["HEIGHT"],
-                float(np.radians(camera["HFOV_DEG"])),
-                lidar["BEAMS"],
-                lidar["COLUMNS"],
-                (float(np.radians(lidar["ELEVATION_MIN_DEG"])), float(np.radians(lidar["ELEVATION_MAX_DEG"]))),
-                float(np.radians(lidar["AZIMUTH_SPAN_DEG"])),
-                float(lidar["RANGE_M"]),
-                float(price["UNIT"]),
-                float(price["CAMERA"]),
-                float(price["LIDAR"]),
-                camera["PIXELS"],
-                lidar["RETURNS"],
-                cfg["MAP_BYTES"],
-                float(cfg["RATE_HZ"]),
-            )
-        except KeyError as missing:
-            raise ConfigError(f"placement: SENSORS: missing key {missing}") from None
+        """SENSORS of cfgs/placement.yaml; ConfigError for a key that is unknown, missing or impossible."""
+        top = {key: value for key, value in cfg.items() if key not in RULES}
+        camera, lidar, price, rest = (_checked(name, cfg.get(name) if name else top) for name in RULES)
+        low, high = (float(np.radians(lidar[f"ELEVATION_{end}_DEG"])) for end in ("MIN", "MAX"))
+        if low >= high:
+            raise ConfigError("placement: SENSORS.LIDAR: expected ELEVATION_MIN_DEG below ELEVATION_MAX_DEG")
+        return cls(
+            camera["WIDTH"],
+            camera["HEIGHT"],
+            float(np.radians(camera["HFOV_DEG"])),
+            lidar["BEAMS"],
+            lidar["COLUMNS"],
+            (low, high),
+            float(np.radians(lidar["AZIMUTH_SPAN_DEG"])),
+            float(lidar["RANGE_M"]),
+            float(price["UNIT"]),
+            float(price["CAMERA"]),
+            float(price["LIDAR"]),
+            camera["PIXELS"],
+            lidar["RETURNS"],
+            rest["MAP_BYTES"],
+            float(rest["RATE_HZ"]),
+        )
 
     def price(self, sensors: str) -> float:
         """Of a unit with ``C``, ``L`` or ``CL``."""
@@ -88,6 +106,21 @@ class SensorModels:
         """The LiDAR in the unit's frame."""
         mount = Pose.from_xyz_yaw(0.0, 0.0, unit.z_m, pitch_down=unit.pitch_down_rad)
         return LidarModel(self.beams, self.columns, *self.elevation, self.azimuth_span, mount)
+
+
+def _checked(name: str, section: Any) -> Mapping[str, Any]:
+    """A section of SENSORS ("": its own keys), each key known, there, and as its rule allows."""
+    rules, where = RULES[name], f"placement: SENSORS.{name}".rstrip(".")
+    if not isinstance(section, Mapping):
+        raise ConfigError(f"{where}: expected {', '.join(rules)}, found {section!r}")
+    for key in [*rules, *section]:
+        if key not in rules:
+            raise ConfigError(f"{where}: unknown key {key!r}; known: {', '.join(rules)}")
+        if key not in section:
+            raise ConfigError(f"{where}: missing key {key!r}")
+        if not rules[key].allows(section[key]):
+            raise ConfigError(f"{where}.{key}: expected {rules[key].expected}, found {section[key]!r}")
+    return section
 
 
 def sensors_of(unit: MountedUnit) -> str:

@@ -6,9 +6,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from pcdet_avp.config_fields import fields_from
+from pcdet_avp.config_rules import COUNT, FROM_0, POSITIVE, SHARE, one_of
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.placement.sensors import SensorModels
 from pcdet_avp.structures.scene_config import check_ranges
+
+RULES = {
+    "vehicle": one_of("C", "CL"),
+    "yaws": COUNT,
+    "occupancy": SHARE.list_of(2),
+    "ahead_m": POSITIVE.list_of(),
+    "setback_m": FROM_0,
+    "arm_m": POSITIVE.list_of(),
+}
 
 
 @dataclass(frozen=True)
@@ -25,20 +35,17 @@ class PlacementSettings:
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        if self.vehicle not in ("C", "CL"):
-            raise ConfigError(f"placement: VEHICLE: expected C or CL, found {self.vehicle!r}")
-        if not isinstance(self.yaws, int) or self.yaws < 1:
-            raise ConfigError(f"placement: YAWS: expected 1 or more, found {self.yaws!r}")
-        if not 0 <= self.occupancy[0] <= self.occupancy[1] <= 1:
-            raise ConfigError(f"placement: OCCUPANCY: expected shares from 0 to 1, found {list(self.occupancy)}")
-        for name in ("ahead_m", "arm_m"):
-            if not getattr(self, name) or min(getattr(self, name)) <= 0:
-                raise ConfigError(f"placement: {name.upper()}: expected distances above 0, found {getattr(self, name)}")
+        for name, rule in RULES.items():
+            value = getattr(self, name)
+            if not rule.allows(list(value) if isinstance(value, tuple) else value):
+                raise ConfigError(f"placement: {name.upper()}: expected {rule.expected}, found {value!r}")
 
     @classmethod
     def from_config(cls, cfg: Mapping) -> PlacementSettings:
         """ConfigError for an unknown key or an impossible value."""
         values = fields_from(cls, cfg, "placement")
         if "sensors" in values:
+            if not isinstance(values["sensors"], Mapping):
+                raise ConfigError(f"placement: SENSORS: expected a section of keys, found {values['sensors']!r}")
             values["sensors"] = SensorModels.from_config(values["sensors"])
         return cls(**{key: tuple(v) if isinstance(v, list) else v for key, v in values.items()})

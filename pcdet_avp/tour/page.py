@@ -17,7 +17,7 @@ from pcdet_avp.visualization.page import Page, Section, Table
 
 TITLE = "What roadside sensors change for a car that parks itself"
 COMMANDS = (  # what for; a module of pcdet_avp.commands and its arguments
-    ("train `cp_small` on two CPU cores", "train --cfg cfgs/avp/cp_small.yaml"),
+    ("train `cp_small` from scratch on two CPU cores", "train --cfg cfgs/avp/cp_small_scratch.yaml"),
     ("train the paper's size on a GPU", "train --cfg cfgs/avp/cp_full.yaml --use_amp"),
     ("test weights of yours beside the paper's", "test --cfg cfgs/avp/cp_small.yaml --ckpt FILE --wire"),
     (

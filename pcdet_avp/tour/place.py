@@ -10,7 +10,7 @@ from pcdet_avp.engine.outputs import RunFolder
 from pcdet_avp.tour.pictures import DataSet
 from pcdet_avp.tour.results import Benchmark, read_json
 
-CFG_FILE = "cfgs/avp/cp_small_2.yaml"
+CFG_FILE = "cfgs/avp/cp_small.yaml"
 SCENES, SEED = 60, 7  # another seed than that of the data the weights were trained on: other garages, other people
 SPLIT, TAG = "test", "tour"
 

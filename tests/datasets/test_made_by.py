@@ -8,9 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-import yaml
+from easydict import EasyDict
 
-from pcdet_avp.config import load_config
+from pcdet_avp.config import apply_overrides, load_config
 from pcdet_avp.datasets import build_dataset
 from pcdet_avp.datasets.avp.made_by import check_made_by
 from pcdet_avp.datasets.avp.manifest import Manifest
@@ -88,20 +88,16 @@ def test_other_data_are_refused_with_key_and_both_values(cfg, path, value):
 
 
 def test_the_arguments_that_the_refusal_names_make_it_pass(cfg):
-    """All keys in one go, as --set reads them from a shell."""
+    """All keys in one go, as a shell hands them to --set; the configuration need not have them."""
     cfg.GENERATE.SCENES, cfg.GENERATE.GARAGE.CEILING_M, cfg.SENSORS.EGO.LIDAR = 9, [3.0, 3.4], None
+    data = copy.deepcopy(CFG)
+    data["GENERATE"] |= {"SPLIT": {"val": 0.05, "test": 0.0}, "GARAGE_SEED": 7, "MAST": {"HEIGHT_M": [3.0, 4.0]}}
     with pytest.raises(RecordError) as error:
-        check(cfg, made())
+        check(cfg, made(data))
     words = shlex.split(str(error.value).rpartition("(--set ")[2].rpartition(")")[0])
-    assert len(words) == 6
-    keys, values = words[::2], words[1::2]
-    for key, value in zip(keys, values, strict=True):
-        *above, last = key.split(".")[1:]
-        holder = cfg
-        for part in above:
-            holder = holder[part]
-        holder[last] = yaml.safe_load(value)
-    check(cfg, made())
+    assert len(words) == 12
+    apply_overrides(EasyDict(DATA_CONFIG=cfg), words)
+    check(cfg, made(data))
 
 
 def test_a_seed_on_the_command_line_of_create_data_counts(cfg):

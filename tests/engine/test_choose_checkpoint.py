@@ -32,13 +32,14 @@ def test_a_given_one_is_taken_from_the_working_folder_first_without_a_word(choos
     assert choose(WEIGHTS) == (Path(WEIGHTS), [])
 
 
-def test_the_packages_own_serve_their_own_configuration_and_it_says_so(choose):
-    path, said = choose()
-    assert path == REPOSITORY / WEIGHTS
+@pytest.mark.parametrize("name", ["cp_small", "cp_small_first"])
+def test_the_packages_own_serve_their_own_configuration_and_it_says_so(choose, name):
+    path, said = choose(cfg=f"cfgs/avp/{name}.yaml")
+    assert path == REPOSITORY / "weights" / f"{name}.pth"
     assert said == [f"no --ckpt, and no checkpoint in ckpt: taking the weights that come with the package, {path}"]
 
 
-@pytest.mark.parametrize("cfg", ["cfgs/avp/cp_tiny.yaml", "cfgs/openpcdet/cp_small.yaml", "own/cp_small.yaml"])
+@pytest.mark.parametrize("cfg", ["cfgs/avp/cp_small_scratch.yaml", "cfgs/openpcdet/cp_small.yaml", "own/cp_small.yaml"])
 def test_they_serve_no_other_configuration_not_even_one_of_the_same_name(choose, tmp_path, cfg):
     (tmp_path / "own").mkdir()
     (tmp_path / "own" / "cp_small.yaml").write_text("A: 1\n")
@@ -69,5 +70,5 @@ def test_what_is_nowhere_names_both_places(choose, tmp_path):
     places = f"{tmp_path / 'weights' / 'cp_smal.pth'} or {REPOSITORY / 'weights' / 'cp_smal.pth'}"
     assert str(caught.value) == (
         f"weights/cp_smal.pth: cannot read this checkpoint: there is no file {places}; "
-        f"near ones: {WEIGHTS}, weights/cp_small_2.pth"
+        f"near ones: {WEIGHTS}, weights/cp_small_first.pth"
     )

@@ -40,6 +40,25 @@ def test_bad_detections_are_refused_with_the_frame_they_came_in():
         Detections("a/7", np.ones((1, 7)), np.array(["Car", "Car"]), np.array([0.5]))
 
 
+def test_lists_and_bytes_mean_what_arrays_mean():
+    """A list of names compared with a name is False as a whole: everything would be missed in silence."""
+    box, far = [10.0, 0, 1, 4, 2, 1.5, 0], [30.0, 0, 1, 4, 2, 1.5, 7.0]
+    truth = GroundTruth("a/1", [box, far], ["Car", "Car"], [0, 1])
+    for names in (["Car", "Car"], np.array([b"Car", b"Car"]), np.array(["Car", "Car"], object)):
+        found = Detections("a/1", [box, far], names, [1, 0.5])
+        assert evaluate([truth], [found], REGIONS)[1]["Car_overall_0.7"] == 100.0
+    nothing = Detections("a/1", [], [], [])
+    assert evaluate([truth], [nothing], REGIONS)[1]["Car_overall_0.7"] == 0.0
+
+
+def test_numbers_for_names_and_difficulties_that_there_are_not_are_refused():
+    with pytest.raises(EvaluationError, match=r"'a/1': names: expected class names, found int64"):
+        Detections("a/1", np.ones((1, 7)), [1], [0.5])
+    for wrong in (-1, 3, 0.5):  # KITTI calls an unknown difficulty -1
+        with pytest.raises(EvaluationError, match=r"'a/1': difficulty: expected 0 \(easy\), 1 \(hard\), 2 \(invis"):
+            GroundTruth("a/1", np.ones((1, 7)), ["Car"], [wrong])
+
+
 def camera(yaw=0.0, x=0.5, y=0.0, width=640, fx=320.0, cx=320.0, pitch_down=0.0):
     mount = Pose.from_xyz_yaw(x, y, 1.8, yaw, pitch_down)
     optical = np.eye(4)

@@ -129,7 +129,7 @@ def test_padded_and_plain_segments_of_two_units_are_received_alike():
 
 
 def test_maps_of_a_trained_network_fill_one_block_of_mcs_14():
-    """Recorded: what weights/cp_small.pth sends of a frame of avp-tour's data, 13 % of 6,580 cells occupied."""
+    """Recorded: what weights/cp_small_first.pth sends of a frame of avp-tour's data, 13 % of 6,580 cells occupied."""
     content = np.load(Path(__file__).parent / "recorded_maps.npz")
     assert NrV2xConfig(mcs=14).max_segment_bytes == BLOCK
     for modality in ("camera", "lidar"):

@@ -15,6 +15,7 @@ from pcdet_avp.errors import PacketError
 from pcdet_avp.link import MapStamp, decode, encode, rounded
 from pcdet_avp.link.packet import decode_segment
 from pcdet_avp.link.segment import overhead_bytes
+from pcdet_avp.structures.pose import Pose
 
 FULL_SIZE = (8, 188, 140)
 
@@ -152,6 +153,15 @@ def test_bytes_that_version_1_wrote_are_decoded_and_written_as_they_were(precisi
     assert decoded.present.all()
     np.testing.assert_array_equal(decoded.values, rounded(latent, precision))
     assert [payload.hex() for payload in encode(latent, stamp, 150, precision)] == recorded
+
+
+def test_a_pose_far_from_its_origin_is_refused_rather_than_moved():
+    """float32 has 24 bits: at 5,400,000 m its steps are 0.5 m, at 32 km 2 mm."""
+    far = Pose.from_xyz_yaw(691_000.0, 5_400_000.25, yaw=0.5)  # UTM
+    with pytest.raises(PacketError, match=r"y 5400000\.250 m travel as float32, which moves them by 0\.25 m"):
+        MapStamp.at_pose(7, 350_000, "lidar", far)
+    near = MapStamp.at_pose(7, 350_000, "lidar", Pose.from_xyz_yaw(32_000.123, -32_000.123))
+    assert np.hypot(near.x_m - 32_000.123, near.y_m + 32_000.123) < 0.002
 
 
 def test_pose_travels_in_the_plane(stamp):

@@ -117,6 +117,22 @@ def test_an_old_map_is_not_given_out():
     assert receiver.take("lidar", now_us=250_001) is None
 
 
+def test_a_map_from_the_future_is_that_of_a_wrong_clock_and_not_given_out():
+    """It would never grow old. What another clock explains, as much as the greatest age, is used."""
+    receiver = Receiver(max_age_us=100_000)
+    push_all(receiver, segments(3))  # captured at 150,000 us
+    assert receiver.take("lidar", now_us=49_999) is None
+    assert receiver.take("lidar", now_us=50_000) is not None
+
+
+def test_a_map_from_the_future_hides_none_of_the_present():
+    receiver = Receiver(max_age_us=100_000)
+    push_all(receiver, segments(3))
+    wrong = encode(np.ones((4, 16, 16)), MapStamp(4, 10**12, "lidar", 0, 0, 0), MAX_SEGMENT)
+    assert all(push_all(receiver, wrong))
+    assert receiver.take("lidar", now_us=160_000).stamp.frame_id == 3
+
+
 def test_damaged_foreign_and_contradicting_segments_are_as_if_they_had_not_come(receiver):
     payloads = segments(3)
     other_shape = encode(np.ones((1, 2, 2)), MapStamp(3, 150_000, "lidar", 0, 0, 0), MAX_SEGMENT)

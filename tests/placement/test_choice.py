@@ -88,3 +88,17 @@ def test_nothing_to_cover():
     coverage = Coverage(np.zeros((3, 5), bool), np.ones(5), np.ones(3))
     answer = choose(coverage, 2, seconds=1)
     assert (answer.chosen, answer.best, answer.gap) == ((), 0.0, 0.0)
+
+
+def test_where_no_option_sees_anything_nothing_is_chosen():
+    for covers in (np.zeros((0, 4), bool), np.zeros((3, 4), bool)):
+        coverage = Coverage(covers, np.ones(4), np.ones(len(covers)))
+        answer = choose(coverage, units=2, seconds=1.0)
+        assert (answer.chosen, answer.best, answer.bound, answer.gap) == ((), 0.0, 0.0, 0.0)
+        assert greedy(coverage, 2, 10.0, per_price=True) == []
+
+
+def test_by_price_what_costs_nothing_comes_first_and_what_adds_nothing_never():
+    covers = np.array([[1, 1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 1]], bool)
+    coverage = Coverage(covers, np.ones(4), np.array([0.0, 0.0, 1.0]))
+    assert greedy(coverage, 3, budget=5.0, per_price=True) == [0, 2]

@@ -123,7 +123,7 @@ def test_the_papers_size_on_a_cpu_saves_memory_and_names_the_small_one(load_tool
     words = ["train", "--cfg", str(REPOSITORY / "cfgs" / "avp" / f"{name}.yaml"), "--no_eval", "--device", "cpu"]
     monkeypatch.setattr(sys, "argv", [*words, "--set", "DATA_CONFIG.DATA_PATH", str(tmp_path / "none")])
     tool.main()
-    assert ["cp_small.yaml is made for" in text for text in said[:-1]] == [True] * slow
+    assert ["cp_small_scratch.yaml is made for" in text for text in said[:-1]] == [True] * slow
     assert given[3].recompute_encoders == slow
 
 

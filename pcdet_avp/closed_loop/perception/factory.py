@@ -25,6 +25,7 @@ class PerceptionKind:
     build: Callable[[PerceiverSettings], Perceiver]
     meaning: str  # what the car is told, in the report
     uses_sensors: bool = True  # False: the same with every sensor set, so it is run once
+    uses_map: bool = True  # False: nor does it depend on the vehicle's map, so that a sweep goes on with any
     uses_network: bool = False  # True: needs ``--ckpt``, takes ``--link`` and its options
 
 
@@ -50,12 +51,13 @@ _KINDS = (
         LineOfSight,
         "whatever a sensor of the combination has in line of sight is known (the limit of the sensors' places)",
     ),
-    PerceptionKind("blind", Blind, "nothing is ever perceived", uses_sensors=False),
+    PerceptionKind("blind", Blind, "nothing is ever perceived", uses_sensors=False, uses_map=False),
     PerceptionKind(
         "always_slow",
         AlwaysSlow,
         "half the cruising speed near every gap and junction, whatever is there",
         uses_sensors=False,
+        uses_map=False,
     ),
 )
 PERCEPTIONS: dict[str, PerceptionKind] = {kind.name: kind for kind in _KINDS}

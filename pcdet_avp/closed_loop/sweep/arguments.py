@@ -29,7 +29,8 @@ from pcdet_avp.structures.sensor_set import SENSOR_SETS
 
 LOOP = "CLOSED_LOOP."
 TRIALS = 20  # of a cell, as in the paper
-SENSING_KEYS = ("SENSORS", "POINT_CLOUD_RANGE", "VOXEL_SIZE")  # all that perceivers without a network read
+MAP_KEYS = ("POINT_CLOUD_RANGE", "VOXEL_SIZE")
+SENSING_KEYS = ("SENSORS", *MAP_KEYS)  # all that perceivers without a network read
 
 
 def sweep_of(args: argparse.Namespace, loop_file: Path) -> Sweep:
@@ -59,8 +60,8 @@ def sweep_of(args: argparse.Namespace, loop_file: Path) -> Sweep:
     return Sweep(
         scenario=scenario.name,
         perception=perception.name,
-        combos=tuple(SENSOR_SETS) if args.combos == "all" else tuple(args.combos.split(",")),
-        speeds=tuple(args.speeds),
+        combos=_named_combos(args.combos),
+        speeds=tuple(dict.fromkeys(args.speeds)),
         trials=args.trials or TRIALS,
         seed=args.seed,
         perceiver=perceiver,
@@ -68,6 +69,12 @@ def sweep_of(args: argparse.Namespace, loop_file: Path) -> Sweep:
         identity={perception.name: _identity(perception, cfg, perceiver), **_plan_identity(scenario.name)},
         search=args.search,
     )
+
+
+def _named_combos(text: str) -> tuple[str, ...]:
+    """Names between commas, each once, in their order; ``all``."""
+    names = tuple(name.strip() for name in text.split(",") if name.strip())
+    return tuple(SENSOR_SETS) if names == ("all",) else tuple(dict.fromkeys(names))
 
 
 def _network(args: argparse.Namespace, overrides: tuple[str, ...]) -> dict[str, Any]:
@@ -113,8 +120,10 @@ def _plan_identity(scenario: str) -> dict[str, Any]:
 
 def _identity(perception: PerceptionKind, cfg: dict, perceiver: dict[str, Any]) -> dict[str, Any]:
     """What the results of a perception depend on, beside the seed and the loop."""
-    if not perception.uses_sensors:
+    if not perception.uses_map:
         return {}
+    if not perception.uses_sensors:
+        return {"data_cfg": {key: perceiver["data_cfg"][key] for key in MAP_KEYS}}
     if not perception.uses_network:
         return {"data_cfg": perceiver["data_cfg"]}
     weights, keys = perceiver["ckpt_sha256"], ["use_amp", "link", "options"]

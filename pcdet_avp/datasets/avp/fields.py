@@ -33,7 +33,7 @@ class Field:
             raise RecordError(f"{file}: no such file") from error
         except OSError as error:
             raise RecordError(f"{file}: cannot be read ({error.strerror})") from error
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise RecordError(f"{file}: damaged or cut short, not JSON ({error})") from error
         top = cls(value, file)
         top.of(dict)

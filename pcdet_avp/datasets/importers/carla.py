@@ -1,7 +1,8 @@
 """A recording of CARLA's own sensor outputs and transforms -> records. Left-handed axes, degrees, half sizes.
 
 <src>/<scene>/scene.json                 the ego's actor id, and the sensors in the order in which they were spawned
-<src>/<scene>/frames/<frame>.json        one tick: timestamp, every sensor's transform, every actor
+<src>/<scene>/frames/<frame>.json        one tick: timestamp, every sensor's transform, every actor; the numbers in
+                                         the names tell the order, and times must rise with it
 <src>/<scene>/<sensor>/<frame>.*         .png or .jpg of a camera; .ply, .npy or .bin of a LiDAR
 
     scene.json   {"ego": 87, "sensors": {"front": SENSOR, ...}, "static_cars": [BOX, ...]}
@@ -54,7 +55,6 @@ from pcdet_avp.datasets.importers.carla_scene import (
     SCENE_FILE,
     CarlaScene,
     Sensor,
-    number_of,
     pose_of,
     xyz,
 )
@@ -63,8 +63,10 @@ from pcdet_avp.datasets.importers.recording import (
     Notes,
     SourceScene,
     WorldBox,
+    by_number,
     folder_of,
     labels_in_ego,
+    number_of,
     read_image,
     read_points,
     read_raw_depth,
@@ -89,13 +91,14 @@ class CarlaRecording:
             raise RecordError(f"{src}: no recording: expected <scene>/{SCENE_FILE}")
         self._scenes = {folder.name: CarlaScene.open(folder) for folder in folders}
         self.scenes: Sequence[SourceScene] = [_source(name, scene) for name, scene in self._scenes.items()]
-        self._starts: dict[str, float] = {}
+        self._times: dict[tuple[str, str], float] = {}  # of frames that have been looked at
 
     def read(self, scene: str, frame: str) -> Imported:
         """One frame; RecordError names the file and what is wrong with it."""
         known = self._scenes[scene]
         top = Field.load(known.folder / FRAMES / f"{frame}.json")
-        actors = {actor["id"].of(int): actor for actor in top["actors"]}
+        time_s = self._since_start(scene, frame, top)
+        actors = _by_id(top["actors"])
         if known.ego_id not in actors:
             raise top["actors"].error(f"no actor has the ego's id {known.ego_id}")
         world_from_vehicle = pose_of(actors[known.ego_id]["transform"])
@@ -109,15 +112,22 @@ class CarlaRecording:
         boxes = [self._box(i, actor) for i, actor in actors.items() if i != known.ego_id]
         boxes += [self._static_box(-1 - i, entry) for i, entry in enumerate(known.static_cars)]
         labels = labels_in_ego(view.world_from_agent, [box for box in boxes if box is not None])
-        time_s = top["timestamp"].number() - self._start(scene)
         return Imported(Record(f"{scene}/{frame}", time_s, view, units, labels), images)
 
-    def _start(self, scene: str) -> float:
-        if scene not in self._starts:
-            source = next(s for s in self.scenes if s.name == scene)
-            first = self._scenes[scene].folder / FRAMES / f"{next(iter(source.frames))}.json"
-            self._starts[scene] = Field.load(first)["timestamp"].number()
-        return self._starts[scene]
+    def _since_start(self, scene: str, frame: str, top: Field) -> float:
+        """Seconds since the scene's first frame; RecordError where a frame is not later than the one before it."""
+        frames = list(next(source.frames for source in self.scenes if source.name == scene))
+        number, time_s = frames.index(frame), self._time(scene, frame, top)
+        if number and time_s <= self._time(scene, frames[number - 1]):
+            before = f"frame {frames[number - 1]}, which comes before it by its name"
+            raise top["timestamp"].error(f"expected a later time than that of {before}, found {time_s:g}")
+        return time_s - self._time(scene, frames[0])
+
+    def _time(self, scene: str, frame: str, top: Field | None = None) -> float:
+        if (scene, frame) not in self._times:
+            top = top or Field.load(self._scenes[scene].folder / FRAMES / f"{frame}.json")
+            self._times[scene, frame] = top["timestamp"].number()
+        return self._times[scene, frame]
 
     def _box(self, object_id: int, actor: Field) -> WorldBox | None:
         name = self._class(actor)
@@ -149,10 +159,18 @@ class CarlaRecording:
         return None
 
 
+def _by_id(entries: Field) -> dict[int, Field]:
+    actors: dict[int, Field] = {}
+    for actor in entries:
+        if actors.setdefault(actor["id"].of(int), actor) is not actor:
+            raise actor["id"].error(f"{actor['id'].value} is the id of two actors")
+    return actors
+
+
 def _source(name: str, scene: CarlaScene) -> SourceScene:
     frames = sorted(
         (p.stem for p in (scene.folder / FRAMES).glob("*.json") if not p.name.startswith(".")),
-        key=lambda name: (int(name) if name.isdecimal() else 0, name),
+        key=by_number,
     )
     if not frames:
         raise RecordError(f"{scene.folder / FRAMES}: no frame: expected <frame>.json")

@@ -88,11 +88,3 @@ def pose_of(field: Field) -> Pose:
 
 def xyz(field: Field) -> tuple[float, float, float]:
     return field["x"].number(), field["y"].number(), field["z"].number()
-
-
-def number_of(field: Field) -> float:
-    """CARLA's attributes are texts."""
-    try:
-        return Field(float(field.value), field.file, field.name).number()
-    except (TypeError, ValueError) as error:
-        raise field.error(f"expected a number, found {field.value!r}") from error

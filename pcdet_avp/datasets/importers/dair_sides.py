@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from pcdet_avp.datasets.avp.fields import Field
-from pcdet_avp.datasets.importers.recording import load_list, some_exist
+from pcdet_avp.datasets.importers.recording import load_list, number_of, some_exist
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ def text(field: Field) -> str:
 
 def offset_of(field: Field) -> float:
     """Metres; an empty text means none."""
-    return 0.0 if field.value == "" else field.number()
+    return 0.0 if field.value == "" else number_of(field)
 
 
 def transform_of(file: Path) -> Field:

@@ -55,6 +55,7 @@ from pcdet_avp.datasets.importers.recording import (
     folder_of,
     labels_in_ego,
     load_list,
+    number_of,
     read_image,
     read_points,
 )
@@ -191,7 +192,7 @@ class DairV2x:
             return None
         box = row["world_8_points"].build(corner_box, row["world_8_points"].numbers(8, 3))
         sizes = row.get("3d_dimensions", {})
-        stated = np.array([sizes[key].number() for key in "lwh"]) if sizes.value else None
+        stated = np.array([number_of(sizes[key]) for key in "lwh"]) if sizes.value else None
         if box is None or (stated is not None and stated.min() <= 0):
             self.notes.add("label without a size left out", _name_of(row))
             return None

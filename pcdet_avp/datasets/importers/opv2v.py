@@ -13,15 +13,19 @@ Ours from theirs (axes.py says how):
     labels              of every agent of the scenario together, the ego left out: an agent lists what its LiDAR hit.
                         OpenCOOD adds ``center`` without turning it; the two differ by at most twice its x and y.
 The ego is the agent that OpenCOOD takes: the first by name that is no roadside unit. Other vehicles' sensors are not
-imported. Frames are 0.1 s apart, whatever their numbers. There are no pedestrians among the labels: class_names is Car.
+imported. Frames are 0.1 s apart, whatever the usual step of their numbers; a larger step is a gap of as much more.
+There are no pedestrians among the labels: class_names is Car.
 Sources: OpenCOOD's data_intro.md and data_annotation_tutorial.md, basedataset.py, box_utils.py (create_bbx,
 project_world_objects), pcd_utils.py.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -42,6 +46,7 @@ from pcdet_avp.datasets.importers.recording import (
     Notes,
     SourceScene,
     WorldBox,
+    by_number,
     folder_of,
     labels_in_ego,
     read_bytes,
@@ -71,7 +76,7 @@ class AgentFolder:
 
     @classmethod
     def open(cls, folder: Path) -> AgentFolder:
-        names = sorted(p.stem for p in folder.glob("*.yaml") if "additional" not in p.stem)
+        names = sorted((p.stem for p in folder.glob("*.yaml") if "additional" not in p.stem), key=by_number)
         has = {kind: some_exist(folder / kind.format(name) for name in names) for kind in (CLOUD, IMAGE)}
         return cls(folder, tuple(names), has[IMAGE], has[CLOUD])
 
@@ -124,7 +129,7 @@ class Opv2v:
             top = tops[agent.folder.name]
             units[name] = self._view(agent, frame, top, upright(_pose(top["lidar_pose"]), floor), name, images)
         labels = labels_in_ego(view.world_from_agent, self._boxes(tops, int(ego.folder.name)))
-        time_s = INTERVAL_S * ego.timestamps.index(frame)
+        time_s = INTERVAL_S * _steps(ego.timestamps)[ego.timestamps.index(frame)]
         return Imported(Record(f"{scene}/{frame}", time_s, view, units, labels), images)
 
     def _view(
@@ -160,6 +165,16 @@ class Opv2v:
         return list(boxes.values())
 
 
+@lru_cache(maxsize=4)
+def _steps(timestamps: tuple[str, ...]) -> list[float]:
+    """How many frames' intervals each time lies after the first: numbers count ticks, a frame takes the usual step."""
+    if len(timestamps) < 2 or not all(name.isdecimal() for name in timestamps):
+        return [float(number) for number in range(len(timestamps))]
+    ticks = [int(name) for name in timestamps]
+    (usual, _), *_ = Counter(after - before for before, after in pairwise(ticks)).most_common()
+    return [(tick - ticks[0]) / usual for tick in ticks]
+
+
 def _scenarios(src: Path) -> list[tuple[Path, str | None]]:
     """(scenario, split) below a data set, a split or a scenario."""
     if _agent_folders(src):
@@ -180,7 +195,7 @@ def _agent_folders(scenario: Path) -> list[Path]:
 def _metadata(file: Path) -> Field:
     try:
         content = yaml.load(read_bytes(file), _Loader)
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
         raise RecordError(f"{file}: not YAML of plain values, or cut short ({str(error).splitlines()[0]})") from error
     top = Field(content, file)
     top.of(dict)

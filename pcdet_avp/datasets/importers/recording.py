@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import json
+import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol, TypeVar
 
-import cv2
 import numpy as np
 
 from pcdet_avp.datasets.avp.fields import Field
-from pcdet_avp.datasets.avp.image_files import decode_image
+from pcdet_avp.datasets.avp.image_files import decode_image, is_jpeg
 from pcdet_avp.datasets.avp.units import Record
 from pcdet_avp.datasets.point_clouds.read import read_cloud
 from pcdet_avp.errors import GeometryError, RecordError
@@ -94,6 +94,19 @@ def labels_in_ego(world_from_ego: Pose, boxes: Sequence[WorldBox]) -> Labels:
     )
 
 
+def number_of(field: Field) -> float:
+    """A finite number that the source may have written as a text."""
+    try:
+        return Field(float(field.value), field.file, field.name).number()
+    except (TypeError, ValueError) as error:
+        raise field.error(f"expected a number, found {field.value!r}") from error
+
+
+def by_number(name: str) -> list[str | int]:
+    """Sorts names by the numbers in them: ``tick_9`` before ``tick_10``."""
+    return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", name)]
+
+
 def folder_of(src: Path) -> Path:
     """The folder to import; RecordError where there is none."""
     if not src.is_dir():
@@ -115,7 +128,7 @@ def load_list(file: Path) -> list[Field]:
     """The objects of a JSON file that is a list."""
     try:
         value = json.loads(read_bytes(file).decode("utf-8-sig"))
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise RecordError(f"{file}: damaged or cut short, not JSON ({error})") from error
     return list(Field(value, file))
 
@@ -135,11 +148,18 @@ def read_image(file: Path) -> tuple[np.ndarray, bytes]:
 
 
 def read_raw_depth(file: Path, far_m: float = 1000.0) -> np.ndarray:
-    """(H, W) float32 metres of CARLA's raw depth picture: (R + 256 G + 65536 B) / (256^3 - 1) of ``far_m``."""
-    picture = cv2.imdecode(np.frombuffer(read_bytes(file), np.uint8), cv2.IMREAD_COLOR)
-    if picture is None:
-        raise RecordError(f"{file}: cannot be decoded as an image")
-    blue, green, red = (picture[..., i].astype(np.float64) for i in range(3))
+    """(H, W) float32 metres of CARLA's raw depth picture: (R + 256 G + 65536 B) / (256^3 - 1) of ``far_m``.
+
+    RecordError where it is damaged, or was saved in another way than raw: as a JPEG, or in grey, which is what CARLA's
+    colour converters write.
+    """
+    data = read_bytes(file)
+    if is_jpeg(data):
+        raise RecordError(f"{file}: a depth picture must be a PNG; in a JPEG the distances are lost")
+    picture = decode_image(data, file)
+    red, green, blue = (picture[..., i].astype(np.float64) for i in range(3))
+    if np.array_equal(red, green) and np.array_equal(red, blue) and ((red > 0) & (red < 255)).any():
+        raise RecordError(f"{file}: grey throughout: save depth raw (carla.ColorConverter.Raw), expected R, G and B")
     return ((red + 256 * green + 65536 * blue) * (far_m / (256**3 - 1))).astype(np.float32)
 
 

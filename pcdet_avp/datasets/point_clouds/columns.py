@@ -19,6 +19,7 @@ from pcdet_avp.errors import RecordError
 NUSCENES_ENDING = ".pcd.bin"
 MAX_RING = 255
 MAX_ELONGATION = 10.0
+MAX_COLUMNS = 64  # of an array; one with more holds a point in each column, not in each row
 
 
 @dataclass(frozen=True)
@@ -102,6 +103,8 @@ def read_npy(file: Path, columns: int | None, scale: float | None) -> Cloud:
     rows = np.load(file, allow_pickle=False)
     if rows.ndim != 2 or rows.shape[1] < 4 or rows.dtype.kind not in "fiu":
         raise RecordError(f"{file}: expected rows of x, y, z, intensity, found {rows.dtype} {rows.shape}")
+    if rows.shape[1] > MAX_COLUMNS:
+        raise RecordError(f"{file}: expected a point in each row, found shape {rows.shape}: rows and columns swapped?")
     if columns not in (None, rows.shape[1]):
         raise RecordError(f"{file}: has {rows.shape[1]} columns, but --columns {columns} was given")
     return _only(file, {rows.shape[1]: rows}, scale, any_layout=True)

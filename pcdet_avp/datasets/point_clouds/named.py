@@ -16,6 +16,7 @@ from pcdet_avp.errors import RecordError
 INSTALL = 'pip install "pcdet_avp[clouds]"'
 # In the order of preference; compared without upper case.
 INTENSITY_NAMES = ("intensity", "i", "scalar_intensity", "reflectivity", "reflectance", "remission")
+COLOURS = {"rgb", "rgba"}  # PCL's packed colours
 BYTE = 255.0
 
 Fields = Mapping[str, np.ndarray]  # name -> (P,)
@@ -31,8 +32,8 @@ def read_pcd(file: Path, scale: float | None) -> Cloud:
         cloud = PointCloud.from_fileobj(io.BufferedReader(io.BytesIO(_tidy_pcd(file.read_bytes()))))
         data = np.atleast_1d(cloud.pc_data)
         fields = {name.lower(): data[name] for name in data.dtype.names or ()}
-        if "rgb" in fields:
-            fields |= dict(zip(("red", "green", "blue"), _unpack_rgb(fields["rgb"]), strict=True))
+        for packed in COLOURS & fields.keys():
+            fields |= dict(zip(("red", "green", "blue"), _unpack_rgb(fields[packed]), strict=True))
     except (ValueError, RuntimeError, KeyError, IndexError, TypeError, struct.error) as error:
         raise RecordError(f"{file}: not a PCD file, or damaged ({_first_line(error)})") from error
     if len(data) != cloud.metadata.points:
@@ -56,7 +57,7 @@ def _tidy_pcd(data: bytes) -> bytes:
 
 
 def _unpack_rgb(packed: np.ndarray) -> list[np.ndarray]:
-    """(P,) float32 or uint32 with 0x00RRGGBB -> red, green, blue (P,) uint8."""
+    """(P,) float32, uint32 or int32 with 0xAARRGGBB -> red, green, blue (P,) uint8."""
     bits = np.ascontiguousarray(packed, np.float32).view(np.uint32) if packed.dtype.kind == "f" else packed
     return [((bits >> shift) & 255).astype(np.uint8) for shift in (16, 8, 0)]
 

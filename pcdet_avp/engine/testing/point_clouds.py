@@ -36,10 +36,11 @@ FLOOR_TOLERANCE_M = 0.5  # between where the floor seems to be and where it is t
 
 
 def cloud_files(path: Path) -> list[Path]:
-    """The file, or every cloud of the folder in the order of their names."""
+    """The file, or every cloud of the folder in the order of their names; hidden files are no clouds."""
     if path.is_file():
         return [path]
-    found = sorted(f for f in path.glob("*") if f.suffix.lower() in EXTENSIONS and f.is_file()) if path.is_dir() else []
+    files = path.glob("[!.]*") if path.is_dir() else ()
+    found = sorted(f for f in files if f.suffix.lower() in EXTENSIONS and f.is_file())
     if not found:
         raise RecordError(f"{path}: expected a point cloud, or a folder with {' or '.join(EXTENSIONS)} files")
     return found

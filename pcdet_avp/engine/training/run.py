@@ -66,6 +66,8 @@ def run_training(
     dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=True, logger=logger)
     trainer = build_trainer(cfg, dataset, options, ranks, logger)
     resume(trainer, cfg, folder, options, logger)
+    if trainer.iteration == 0 and not options.pretrained_model:
+        warn_of_slow_parts(cfg.OPTIMIZATION, logger)
     saver = CheckpointSaver(
         folder.checkpoints,
         about(cfg, config_name),
@@ -137,6 +139,16 @@ def resume(trainer: Trainer, cfg: Mapping, folder: RunFolder, options: TrainOpti
     check_config(cfg, content.get("config"), str(path))
     restore_run(trainer, content, str(path))
     logger.info(f"going on from {path}: iteration {trainer.iteration} of {trainer.schedule.total}")
+
+
+def warn_of_slow_parts(optim_cfg: Mapping, logger: logging.Logger) -> None:
+    """Say it where OPTIMIZATION.LR_FACTORS holds back parts of a network whose weights are all fresh."""
+    slow = [part for part, factor in (optim_cfg.get("LR_FACTORS") or {}).items() if factor < 1]
+    if slow:
+        logger.warning(
+            f"training from scratch, but OPTIMIZATION.LR_FACTORS slows {', '.join(slow)} down, as suits trained ones; "
+            "--pretrained_model names their weights, --set OPTIMIZATION.LR_FACTORS null trains all parts alike"
+        )
 
 
 def _newest(trainer: Trainer, folder: RunFolder):

@@ -14,7 +14,8 @@ from pcdet_avp.deploy.runtime import open_runtime
 from pcdet_avp.errors import ExportError
 from pcdet_avp.link.map_size import MapSize
 from pcdet_avp.models.thresholds import per_class
-from pcdet_avp.models.weights.meaning import below, differences, meaning_of, refusal, some_of
+from pcdet_avp.models.weights.meaning import below, differences, meaning_of, some_of
+from pcdet_avp.models.weights.refusal import refusal
 from pcdet_avp.registration import RegistrationSettings
 
 logger = logging.getLogger(__name__)
@@ -31,7 +32,7 @@ def open_deployed(folder: Path, runtime: str, cfg: Mapping, threads: int | None 
     ignored = tuple(cfg["MODEL"].get("IGNORE_CONFIG") or ())
     refused = [one for one in found if not below(one.key, ignored)]
     if refused:
-        raise ExportError(f"{folder}/{MANIFEST}: made with another configuration: {refusal(refused)}")
+        raise ExportError(f"{folder}/{MANIFEST}: made with another configuration: {refusal(refused, exported.meaning)}")
     if found:
         logger.warning("%s: used although %s", folder, some_of(found))
     suppression = configured_suppression(cfg["MODEL"]["POST_PROCESSING"], exported.network.class_names)

@@ -21,9 +21,9 @@ from pcdet_avp.models.weights.meaning import (
     below,
     differences,
     meaning_of,
-    refusal,
     some_of,
 )
+from pcdet_avp.models.weights.refusal import refusal
 
 MEANING_KEY = "meaning"  # of a checkpoint: what its weights mean, see ``meaning_of``
 IGNORE_KEY = "IGNORE_CONFIG"  # of MODEL: keys and sections in which a checkpoint may differ; --ignore_config sets it
@@ -100,7 +100,8 @@ def check_meaning(
     own = network.state_dict()
     found = [one for one in differences(theirs, ours.values) if ours.depends_on(one, own)]
     _check_ignored(ours.ignored, {*theirs, *ours.values})
-    _refuse([one for one in found if not _accepted(one, ours, content["model_state"])], path)
+    if refused := [one for one in found if not _accepted(one, ours, content["model_state"])]:
+        raise foreign_weights(path, refusal(refused, theirs))
     if found:
         logger.warning("%s: used although %s", path, some_of(found))
 
@@ -109,11 +110,6 @@ def _accepted(difference: Difference, ours: NetworkMeaning, tensors: Collection[
     if below(difference.key, ours.ignored):
         return True
     return ours.training and not (difference.scrambles and difference.concerns(tensors))
-
-
-def _refuse(refused: list[Difference], path: str | os.PathLike) -> None:
-    if refused:
-        raise foreign_weights(path, refusal(refused))
 
 
 def foreign_weights(path: str | os.PathLike, difference: str) -> CheckpointError:

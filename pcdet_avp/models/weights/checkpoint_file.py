@@ -24,6 +24,7 @@ UNREADABLE += (pickle.UnpicklingError, zipfile.BadZipFile)
 _SCALAR = np.float64(0).__reduce__()[0]
 NUMPY_NUMBERS = [_SCALAR, (_SCALAR, "numpy.core.multiarray.scalar"), np.dtype, type(np.dtype(np.float64))]
 
+WRAPPERS = ("module.", "_orig_mod.")  # what DataParallel and torch.compile put before the names of all tensors
 THRESHOLDS_KEY = "score_thresholds"  # of a checkpoint: class -> score from which on a detection counts for driving
 
 
@@ -41,8 +42,30 @@ def read_checkpoint(path: str | os.PathLike, device: torch.device | str = "cpu")
         raise CheckpointError(f"{path}: truncated, damaged or no checkpoint at all ({reason[0][:120]})") from error
     if not isinstance(content, dict) or not isinstance(content.get("model_state"), dict):
         raise CheckpointError(f"{path}: expected a mapping with 'model_state', found {_outline(content)}")
-    carried = take_carried_meaning(content["model_state"])
+    content = {**content, "model_state": _unwrapped(content["model_state"])}
+    try:
+        carried = take_carried_meaning(content["model_state"])
+    except UNREADABLE as error:
+        raise CheckpointError(f"{path}: an extra state among its tensors is none of ours ({error})") from error
+    _check_kinds(content, path)
     return content if carried is None else {MEANING_KEY: carried, **content}
+
+
+def _unwrapped(state: dict[str, Any]) -> dict[str, Any]:
+    """The tensors by the names that they have without a wrapper."""
+    for prefix in WRAPPERS:
+        if state and all(str(key).startswith(prefix) for key in state):
+            return _unwrapped({key.removeprefix(prefix): value for key, value in state.items()})
+    return state
+
+
+def _check_kinds(content: dict[str, Any], path: str | os.PathLike) -> None:
+    for key in (MEANING_KEY, "config"):
+        if not isinstance(content.get(key) or {}, dict):
+            raise CheckpointError(f"{path}: {key}: expected a mapping, found {type(content[key]).__name__}")
+    for key, value in content["model_state"].items():
+        if not isinstance(value, torch.Tensor):
+            raise CheckpointError(f"{path}: model_state: {key}: expected a tensor, found {type(value).__name__}")
 
 
 def iterations_of(path: Path) -> int | None:

@@ -18,7 +18,6 @@ from pcdet_avp.config import plain
 NETWORK_CODE = 1  # raised whenever the code computes something else from the same weights and configuration
 CODE_KEY = "NETWORK_CODE"
 SHOWN = 3  # differences that a message spells out
-KEYS_NAMED = 8
 
 # Sections and keys that say how data are made, how the network is trained, how its boxes are filtered and what its maps
 # may take on the air.
@@ -155,13 +154,6 @@ def differences(theirs: Mapping[str, Any], ours: Mapping[str, Any]) -> list[Diff
     keys = [key for key in sorted({*theirs, *ours}) if all(key.partition(".")[0] in known for known in tops)]
     pairs = [Difference(key, _value(theirs, key), _value(ours, key)) for key in keys]
     return [pair for pair in pairs if not _same(pair.theirs, pair.ours)]
-
-
-def refusal(found: Sequence[Difference]) -> str:
-    """The rest of a message about a file whose weights mean something else: what differs, and how to insist."""
-    keys = " ".join(one.key for one in found[:KEYS_NAMED]) + (" ..." if len(found) > KEYS_NAMED else "")
-    why = "its weights would be taken for something else. To use them all the same"
-    return f"{some_of(found)}; {why}: --ignore_config {keys}"
 
 
 def some_of(found: Sequence[Difference]) -> str:

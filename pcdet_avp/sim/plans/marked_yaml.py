@@ -26,8 +26,11 @@ class MarkedYaml:
         except yaml.YAMLError as error:
             mark = getattr(error, "problem_mark", None)
             raise self.error(mark.line + 1 if mark else 1, getattr(error, "problem", None) or str(error)) from error
+        except RecursionError as error:
+            raise self.error(1, "nested too deeply") from error
         if node is None:
             raise self.error(1, "expected a plan, found an empty file")
+        self._inside: list[yaml.Node] = []  # the values that the one being read lies in
         self.value = self._plain(node, ())
 
     def line(self, where: Where) -> int:
@@ -40,14 +43,23 @@ class MarkedYaml:
 
     def _plain(self, node: yaml.Node, where: Where) -> Any:
         self._lines.setdefault(where, node.start_mark.line + 1)
-        if isinstance(node, yaml.MappingNode):
-            return self._mapping(node, where)
-        if isinstance(node, yaml.SequenceNode):
-            return [self._plain(item, (*where, k)) for k, item in enumerate(node.value)]
+        if isinstance(node, yaml.CollectionNode):
+            return self._collection(node, where)
         try:
             return yaml.SafeLoader("").construct_object(node)
         except (yaml.YAMLError, ValueError) as error:
             raise self.error(node.start_mark.line + 1, f"{text(where)}: {error}") from error
+
+    def _collection(self, node: yaml.CollectionNode, where: Where) -> Any:
+        if any(node is other for other in self._inside):
+            raise self.error(node.start_mark.line + 1, f"{text(where)}: an alias of what it lies in has no end")
+        self._inside.append(node)
+        if isinstance(node, yaml.MappingNode):
+            plain = self._mapping(node, where)
+        else:
+            plain = [self._plain(item, (*where, k)) for k, item in enumerate(node.value)]
+        self._inside.pop()
+        return plain
 
     def _mapping(self, node: yaml.MappingNode, where: Where) -> dict[str, Any]:
         plain: dict[str, Any] = {}

@@ -141,6 +141,17 @@ def test_arrays_of_other_shapes_are_refused(tmp_path):
         read_cloud(tmp_path / "a.npy")
 
 
+def test_an_array_with_its_points_in_columns_is_refused_even_where_its_numbers_could_be_meant(tmp_path):
+    """Where the fourth point is a return of zeros, x, y, z and intensity of four "points" would all be possible."""
+    points = np.tile(np.array(KITTI), (20, 1))
+    points[3] = 0
+    np.save(tmp_path / "a.npy", points.T)
+    with pytest.raises(RecordError, match=r"a\.npy: expected a point in each row, found shape \(4, 100\)"):
+        read_cloud(tmp_path / "a.npy")
+    np.save(tmp_path / "a.npy", np.asfortranarray(points))  # the same rows, kept column by column
+    np.testing.assert_allclose(read_cloud(tmp_path / "a.npy").points, points, atol=1e-6)
+
+
 def test_another_ending_is_refused(tmp_path):
     with pytest.raises(RecordError, match=r"a\.las: expected a point cloud"):
         read_cloud(tmp_path / "a.las")

@@ -122,6 +122,14 @@ def test_an_intensity_kept_as_red_or_grey_is_found_and_a_colour_refused(tmp_path
         read_cloud(save((51, 3, 0), (102, 0, 0)))
 
 
+@pytest.mark.parametrize("kind", ["U", "I"])
+def test_a_packed_colour_may_have_an_alpha(tmp_path, kind):
+    rows = b"".join(struct.pack("<3fI", 1, 2, i, 255 << 24 | grey * 0x010101) for i, grey in enumerate((51, 255)))
+    fields = [*XYZI[:3], ("rgba", 4, kind, 1)]
+    (tmp_path / "a.pcd").write_bytes(header(fields, "binary", 2) + rows)
+    check(read_cloud(tmp_path / "a.pcd"), [(1, 2, 0, 0.2), (1, 2, 1, 1.0)])
+
+
 @pytest.mark.parametrize("fields", [RGB[:3], XYZI[1:]])
 def test_missing_fields_are_named(tmp_path, fields):
     row = struct.pack(f"<{len(fields)}f", *range(len(fields)))

@@ -12,7 +12,7 @@ CLOUD = np.array([[0, 1, 2, 0.3], [4, -5, 6, 0.7], [8, 9, 10, 1.0]], np.float32)
 
 
 def test_every_kind_of_file_of_a_folder_is_found_whatever_its_case(tmp_path):
-    for name in ("b.npy", "a.bin", "C.PCD", "d.ply", "e.txt"):
+    for name in ("b.npy", "a.bin", "C.PCD", "d.ply", "e.txt", "._a.bin"):  # the last: what macOS leaves beside a.bin
         (tmp_path / name).write_bytes(b"")
     (tmp_path / "folder.bin").mkdir()
     assert [file.name for file in cloud_files(tmp_path)] == ["C.PCD", "a.bin", "b.npy", "d.ply"]

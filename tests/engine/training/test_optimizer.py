@@ -1,9 +1,14 @@
 """Adam with decoupled decay over everything."""
 
+import logging
+from pathlib import Path
+
 import pytest
 import torch
 
+from pcdet_avp.config import load_config
 from pcdet_avp.engine.training.optimizer import build_optimizer, load_moments, set_point
+from pcdet_avp.engine.training.run import warn_of_slow_parts
 from pcdet_avp.errors import ConfigError
 
 
@@ -86,3 +91,14 @@ def test_moments_of_a_checkpoint_without_factors_are_taken_up(toy):
 def test_factors_that_fit_nothing_or_freeze_all_are_refused(toy, factors, message):
     with pytest.raises(ConfigError, match=message):
         build_optimizer(toy.ToyNetwork(), toy.OPTIMIZATION | {"LR_FACTORS": factors})
+
+
+@pytest.mark.parametrize(
+    ("name", "slow"), [("cp_small", True), ("cp_small_scratch", False), ("cp_small_depth", False), ("cp_tiny", False)]
+)
+def test_parts_that_learn_slowly_from_scratch_are_named(caplog, name, slow):
+    cfg = load_config(Path(__file__).parents[3] / "cfgs" / "avp" / f"{name}.yaml")
+    with caplog.at_level(logging.WARNING):
+        warn_of_slow_parts(cfg.OPTIMIZATION, logging.getLogger("test"))
+    assert ("LR_FACTORS slows encoders.ego_camera.image_backbone, encoders." in caplog.text) == slow
+    assert bool(caplog.text) == slow

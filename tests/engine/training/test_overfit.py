@@ -1,4 +1,4 @@
-"""cp_small learns eight frames by heart, from fresh weights: what a sensor sees, the network can find.
+"""cp_small_first learns eight frames by heart, from fresh weights: what a sensor sees, the network can find.
 
 On demand: up to 90 minutes of one core. AP on what a combination sees exceeds 95, Car at IoU 0.7, Pedestrian
 at 0.3.
@@ -29,7 +29,7 @@ from pcdet_avp.structures.frame import DIFFICULTIES
 from pcdet_avp.structures.sensor_set import SENSOR_SETS, SOURCES
 
 pytestmark = pytest.mark.slow
-CFG = Path(__file__).parents[3] / "cfgs" / "avp" / "cp_small.yaml"
+CFG = Path(__file__).parents[3] / "cfgs" / "avp" / "cp_small_first.yaml"
 CPU = Ranks(torch.device("cpu"))
 FRAMES, ITERATIONS, LR = 8, 1920, 0.003
 EASY, INVISIBLE = DIFFICULTIES.index("easy"), DIFFICULTIES.index("invisible")
@@ -38,7 +38,7 @@ ENOUGH_HITS = np.array([MIN_PIXELS if source.endswith("camera") else MIN_POINTS 
 
 @pytest.fixture(scope="module")
 def cfg(tmp_path_factory):
-    """cp_small without augmentation and without losses on the air, and frames of as many scenes to train on."""
+    """cp_small_first without augmentation and without losses on the air, and frames of as many scenes to train on."""
     cfg, root = load_config(CFG), tmp_path_factory.mktemp("eight_frames")
     data = cfg.DATA_CONFIG
     data.DATA_PATH, data.DATA_AUGMENTOR, data.GENERATE.FRAMES_PER_SCENE = str(root), None, 1

@@ -1,15 +1,19 @@
 """Weights that would be taken for something else are refused by name wherever a network takes them."""
 
 import logging
+from pathlib import Path
 
 import pytest
 import torch
 from easydict import EasyDict
 
+from pcdet_avp.config import load_config
 from pcdet_avp.errors import CheckpointError, ConfigError
 from pcdet_avp.models.weights.agreement import NetworkMeaning, as_tensor, check_meaning, from_tensor
+from pcdet_avp.models.weights.checkpoint_file import read_checkpoint
 from pcdet_avp.models.weights.meaning import meaning_of
 
+REPOSITORY = Path(__file__).parents[3]
 HEAD = "dense_head.conv_cls.weight"
 CAMERA = "encoders.ego_camera.depth_head.classify.weight"
 
@@ -60,6 +64,23 @@ def test_classes_in_another_order_are_refused_with_both_values_and_the_way_to_in
     assert "a.pth: made with another configuration: CLASS_NAMES is ['Pedestrian', 'Car']" in str(error.value)
     assert "in the file and ['Car', 'Pedestrian'] here" in str(error.value)
     assert str(error.value).endswith("--ignore_config CLASS_NAMES")
+
+
+@pytest.mark.parametrize(("mine", "other"), [("cp_small", "cp_small_first"), ("cp_small_first", "cp_small")])
+def test_weights_of_the_other_edition_are_refused_and_their_configuration_is_named(check, mine, other):
+    """Older files, too: their configuration, not their name, says what they are."""
+    network = Network(load_config(REPOSITORY / "cfgs" / "avp" / f"{mine}.yaml"))
+    assert check(network, read_checkpoint(REPOSITORY / "weights" / f"{mine}.pth")) == ""
+    with pytest.raises(CheckpointError) as error:
+        check(network, read_checkpoint(REPOSITORY / "weights" / f"{other}.pth"))
+    assert "made with another configuration: MODEL.BACKBONE_2D.LAYER_NUMS is" in str(error.value)
+    assert f" They belong to cfgs/avp/{other}.yaml. To use them all the same: " in str(error.value)
+
+
+def test_weights_of_no_configuration_of_the_package_are_refused_without_a_name(check):
+    with pytest.raises(CheckpointError) as error:
+        check(Network(config()), content(names=("Pedestrian", "Car")))
+    assert "They belong to" not in str(error.value)
 
 
 def test_other_sensors_are_refused_in_use_and_a_warning_in_training(check):

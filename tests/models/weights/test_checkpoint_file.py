@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from pcdet_avp.errors import CheckpointError
+from pcdet_avp.models.weights.agreement import as_tensor
 from pcdet_avp.models.weights.checkpoint_file import read_checkpoint
 
 WEIGHTS = torch.arange(5000.0)
@@ -69,3 +70,30 @@ def test_openpcdets_checkpoints_with_numpy_numbers_are_read(tmp_path, zipped):
     torch.save(content, tmp_path / "openpcdet.pth", _use_new_zipfile_serialization=zipped)
     loaded = read_checkpoint(tmp_path / "openpcdet.pth")["optimizer_state"]["param_groups"][0]
     assert loaded == group
+
+
+@pytest.mark.parametrize("wrapper", ["module.", "_orig_mod.", "module._orig_mod."])
+def test_the_names_of_a_wrapped_network_are_those_of_the_network(tmp_path, wrapper):
+    """torch's DataParallel and compile put their own word before every name; one among others is a name."""
+    meaning = as_tensor({"CLASS_NAMES": ["Car"]})
+    torch.save({"model_state": {f"{wrapper}w": WEIGHTS, f"{wrapper}_extra_state": meaning}}, tmp_path / "a.pth")
+    content = read_checkpoint(tmp_path / "a.pth")
+    assert list(content["model_state"]) == ["w"]
+    assert content["meaning"] == {"CLASS_NAMES": ["Car"]}
+    torch.save({"model_state": {f"{wrapper}w": WEIGHTS, "b": WEIGHTS}}, tmp_path / "b.pth")
+    assert list(read_checkpoint(tmp_path / "b.pth")["model_state"]) == [f"{wrapper}w", "b"]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"model_state": {"w": [1.0, 2.0]}}, "model_state: w: expected a tensor, found list"),
+        ({"model_state": {"w": WEIGHTS}, "meaning": "Car first"}, "meaning: expected a mapping, found str"),
+        ({"model_state": {"w": WEIGHTS}, "config": ["cp_small"]}, "config: expected a mapping, found list"),
+        ({"model_state": {"norm._extra_state": WEIGHTS}}, "an extra state among its tensors is none of ours"),
+    ],
+)
+def test_contents_of_other_kinds_are_named(tmp_path, wrong, message):
+    torch.save(wrong, tmp_path / "a.pth")
+    with pytest.raises(CheckpointError, match=rf"a\.pth: {message}"):
+        read_checkpoint(tmp_path / "a.pth")

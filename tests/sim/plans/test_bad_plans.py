@@ -87,6 +87,32 @@ def test_what_is_no_yaml(tmp_path):
         read_plan(file)
 
 
+def test_an_alias_of_what_it_lies_in(tmp_path):
+    for loop in ("    rows: &r [*r]\n", "    rows:\n      - &r {road: main, side: *r}\n"):
+        with pytest.raises(ConfigError, match=r"plan\.yaml: line \d+: floors\[0\]\.rows.*alias .* has no end"):
+            read_plan(written(tmp_path, more=loop))
+
+
+def test_an_alias_stands_for_its_value_wherever_it_is_named(tmp_path):
+    text = STRAIGHT.replace("lanes: {", "lanes: &both {", 1) + SIDE.replace("{right: [3], left: [3]}", "*both")
+    plan = read_plan(written(tmp_path, text))
+    assert [(road.right, road.left) for road in plan.floors[0].roads] == [((3.0,), (3.0,))] * 2
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (STRAIGHT.replace("line_m: 40", "line_m: 44000000"), "line_m: expected 1000 or less, found 44000000"),
+        (STRAIGHT.replace("line_m: 40", "arc_deg: 9, radius_m: 1.0e+9"), "radius_m: expected 1000 or less"),
+    ],
+)
+def test_lengths_that_no_garage_has_are_refused_at_once(tmp_path, wrong, message):
+    with pytest.raises(ConfigError, match=message):
+        read_plan(written(tmp_path, wrong))
+    with pytest.raises(ConfigError, match="count: expected 1000 or less"):
+        read_plan(written(tmp_path, more=ROW.replace("count: 3", "count: 1000000000")))
+
+
 def test_a_file_that_is_not_there():
     with pytest.raises(ConfigError, match="no_such_plan"):
         read_plan("no_such_plan.yaml")

@@ -1,0 +1,69 @@
+"""The sweep that a command line asks for: names and numbers however they are written, and what a folder is held to."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from pcdet_avp.closed_loop.sweep.arguments import sweep_of
+from pcdet_avp.closed_loop.sweep.journal import open_journal
+from pcdet_avp.commands.safety_eval import parse_arguments
+from pcdet_avp.errors import ConfigError, RecordError, SensorError
+
+
+@pytest.fixture
+def sweep(monkeypatch):
+    def of(*words, scenario="pedestrian"):
+        monkeypatch.setattr(sys, "argv", ["safety_eval.py", "--scenario", scenario, *words])
+        return sweep_of(parse_arguments(), Path("cfgs", "closed_loop.yaml"))
+
+    return of
+
+
+def test_combinations_and_speeds_count_once_and_may_have_spaces(sweep):
+    asked = sweep("--perception", "los", "--combos", "C+CL, C+none,C+CL ,", "--speeds", "5", "3", "5.0")
+    assert asked.combos == ("C+CL", "C+none")
+    assert asked.speeds == (5.0, 3.0)
+    assert len(sweep("--perception", "los", "--combos", " all").combos) == 6
+
+
+@pytest.mark.parametrize("combos", ["c+cl", "all,C+CL", "CL"])
+def test_other_names_are_refused(sweep, combos):
+    with pytest.raises(SensorError, match=r"unknown sensor combination"):
+        sweep("--perception", "los", "--combos", combos)
+
+
+def test_no_combination_at_all_is_refused(sweep):
+    with pytest.raises(ConfigError, match="at least one speed and one sensor combination"):
+        sweep("--perception", "los", "--combos", ",")
+
+
+WIDER = ("--set", "DATA_CONFIG.POINT_CLOUD_RANGE", "[0, -22.4, -3, 44.8, 22.4, 5]")
+LOWER = ("--set", "DATA_CONFIG.SENSORS.INFRA.CAMERA.Z_M", "5.0")
+
+
+@pytest.mark.parametrize(
+    ("perception", "change", "other"),
+    [("oracle", WIDER, True), ("oracle", LOWER, False), ("los", WIDER, True), ("los", LOWER, True)]
+    + [(blind, WIDER, False) for blind in ("blind", "always_slow")],
+)
+def test_a_folder_is_held_to_what_its_results_depend_on(sweep, tmp_path, perception, change, other):
+    """The oracle knows whoever is on the vehicle's map: on another map, others."""
+    with open_journal(tmp_path, sweep("--perception", perception).identity):
+        pass
+    changed = sweep("--perception", perception, *change).identity
+    if not other:
+        with open_journal(tmp_path, changed):
+            return
+    with pytest.raises(RecordError, match=f"another {perception}; choose"), open_journal(tmp_path, changed):
+        pass
+
+
+def test_a_folder_of_a_version_that_did_not_say_goes_on_and_says_it_then(sweep, tmp_path):
+    with open_journal(tmp_path, {"oracle": {}}):
+        pass
+    with open_journal(tmp_path, sweep("--perception", "oracle").identity):
+        pass
+    wider = sweep("--perception", "oracle", *WIDER).identity
+    with pytest.raises(RecordError, match="another oracle"), open_journal(tmp_path, wider):
+        pass
