@@ -3,7 +3,7 @@
 # stays invisible, and DISTANCE of a ray that meets nothing is its own limit.
 #
 # The first run() commits an EmbreeScene; no later one does so again. TriangleMesh(scene, ...) still takes a car that
-# drives into the scene afterwards: no error, a mesh number, and the rays pass through it to the wall behind. Nor does
+# drives into the scene afterwards: no error, and the rays pass through it to the wall behind. Nor does
 # OCCLUDED see it. A simulated LiDAR, or a line of sight past parked cars, that adds road users as they come looks
 # through them. In a scene that had no rays yet the same two meshes give the right answer.
 # With query="DISTANCE" and limits (dists), a ray whose limit ends before the wall returns the limit, just as a surface

@@ -3,8 +3,9 @@
 # frame; a choice of frames that reaches beyond the last scan gives all scans.
 #
 # KITTI's raw drives name files by frame, and some lack scans: 2011_09_26_drive_0009_sync has no Velodyne files 177 to
-# 180, while images and poses (oxts) are there. pykitti sorts the files that exist and counts them: get_velo(177) is
-# scan 181, and so on to the end, four frames (0.4 s) off; len() is the number of poses. At 10 m/s that is 4 m.
+# 180, while images and poses (oxts) are there (issue 186 of mrharicot/monodepth). pykitti sorts the files that exist
+# and counts them: get_velo(177) is scan 181, and so on to the end, four frames (0.4 s) off; len() is the number of
+# poses. At 10 m/s that is 4 m.
 # frames=[...] picks by the same count, and where a number lies beyond the end of a list (there are fewer scans than
 # poses) the error is swallowed and the list stays whole: get_velo(0) is the drive's first scan.
 #
