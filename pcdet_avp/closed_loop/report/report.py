@@ -117,7 +117,8 @@ def _episodes(results: Results) -> str:
 
 
 def _section(results: Results, scenario: str, perception: str, figures: Path) -> list[str]:
-    head, stem = title(results, scenario, perception), f"{scenario}_{perception}"
+    head = title(results, scenario, perception)
+    stem = f"{scenario}_{perception}".replace("/", "_")  # a plan's scenario holds the path of its file
     curves = speed_crash_figure(results, scenario, perception, f"{head}: crashes")
     lines = [f"## {head}", "", f"`{perception}`: {_meaning(perception)}.", ""]
     lines += _crash_part(results, scenario, perception, head)
@@ -209,4 +210,4 @@ def _law_section(figures: Path) -> list[str]:
 
 def _picture(file: Path, figure: Figure, text: str) -> list[str]:
     write_figure(figure, file)
-    return [f"![{text}]({file.parent.name}/{file.name})"]
+    return [f"![{text}]({file.parent.name}/{quote(file.name, safe='@:')})"]
