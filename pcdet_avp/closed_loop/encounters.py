@@ -13,8 +13,8 @@ from pcdet_avp.sim.scenarios.scenario import Scenario
 from pcdet_avp.sim.world import EGO_SPEC, World
 from pcdet_avp.structures.ego import BUMPER_X_M
 
-STANDS_BELOW_MPS = 0.1  # a slower car counts as standing: contact with it is no crash
-NEAR_M = 3.0  # nobody farther away is met within a tick
+STANDS_BELOW_MPS = 0.1  # a slower ego counts as standing: a pedestrian who touches it is no crash
+NEAR_M = 3.0  # who is farther away than this and than both can come in a tick is not met in it
 
 
 class Encounters:
@@ -57,7 +57,9 @@ class Encounters:
         """
         threats = self.threats()
         distances, times = self._surroundings(ride, start_s, threats)
-        near = [actor for actor, distance in zip(threats, distances, strict=True) if distance < NEAR_M]
+        near = [
+            actor for actor, distance in zip(threats, distances, strict=True) if distance < _reach(ride, start_s, actor)
+        ]
         return self._state_after(ride, start_s, near), distances, times
 
     def _surroundings(self, ride: Drive, start_s: float, threats: Sequence[Actor]) -> tuple[np.ndarray, np.ndarray]:
@@ -90,6 +92,12 @@ class Encounters:
         self.crashed = vehicle or contact.front
         if self.crashed or self.contact is None:
             self.contact, self.met, self.impact_speed_mps = contact, actor.object_id, speed
+
+
+def _reach(ride: Drive, start_s: float, actor: Actor) -> float:
+    """m, the most by which the ego and a road user can come nearer during a ride, and ``NEAR_M`` for their turning."""
+    before, after = (actor.trajectory.at(start_s + time_s).distance for time_s in ride.times[[0, -1]])
+    return NEAR_M + float(ride.positions[-1] - ride.positions[0]) + after - before
 
 
 def _direction(yaw: float) -> np.ndarray:

@@ -37,6 +37,13 @@ class TestOutcomes:
         assert log.figures.mean_speed_mps == pytest.approx(5.0)
         assert (log.figures.min_distance_m, log.figures.first_detection_m) == (0.0, 0.0)
 
+    @pytest.mark.parametrize("tick_s", [0.05, 1.0])
+    def test_a_contact_within_a_long_tick_is_found(self, scenes, tick_s):
+        """A car at 30 m/s crosses the swath behind the bumper, at 3.6 s, and is 12 m away at either end of a second."""
+        log = drive(scenes.scene(scenes.crossing_car(16.0, 3.6, speed=30.0)), Blind(), tick_s=tick_s)
+        assert (log.figures.outcome, log.figures.crashed) == ("side", True)
+        assert log.figures.crash_time_s == pytest.approx(3.6 - (2.3 + HALF_WIDTH) / 30.0, abs=1e-6)
+
     def test_crash_side(self, scenes):
         """A pedestrian reaches the flank when the bumper is 2 m past: a side contact, and the drive goes on."""
         reach_s = (HALF_WIDTH + HALF_PEDESTRIAN) / 1.5
