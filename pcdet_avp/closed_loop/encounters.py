@@ -30,7 +30,7 @@ class Encounters:
         self.impact_speed_mps = 0.0
 
     def threats(self) -> list[Actor]:
-        """Those who come into the ego's way and have not touched it."""
+        """Those who come into the ego's way and have not touched it while it moved."""
         numbers = [threat.object_id for threat in self._scenario.threats]
         return [self._world.actor(number) for number in numbers if number not in self._touched]
 
@@ -52,7 +52,7 @@ class Encounters:
     def resolve(self, ride: Drive, start_s: float) -> tuple[LongitudinalState, np.ndarray, np.ndarray]:
         """Let the ego meet whom it meets during a ride that begins at ``start_s``.
 
-        Returns its state at the end or crash; and for the N threats that it had not touched before, at the start,
+        Returns its state at the end or crash; and for the N threats of ``threats``, at the start,
         distances (N,) in m and times to collision (N,) in s, infinite where motion goes on without one.
         """
         threats = self.threats()
@@ -83,12 +83,12 @@ class Encounters:
 
     def _meet(self, contact: Contact, actor: Actor, speed: float) -> None:
         """Any contact with a vehicle ends the drive. With a pedestrian it counts while the ego moves, and only
-        one at the front ends the drive.
+        one at the front ends the drive. Who touches a standing ego is looked at again: it may set off while they touch.
         """
-        self._touched.add(actor.object_id)
         vehicle = actor.name == "Car"
         if not vehicle and speed < STANDS_BELOW_MPS:
             return
+        self._touched.add(actor.object_id)
         self.crashed = vehicle or contact.front
         if self.crashed or self.contact is None:
             self.contact, self.met, self.impact_speed_mps = contact, actor.object_id, speed

@@ -27,6 +27,15 @@ def oracle():
     return Oracle(PerceiverSettings(MAP))
 
 
+def _driven_blindly(scenario, targets):
+    """The episode after so many ticks at these target speeds (m/s), or after its crash."""
+    episode = Episode(scenario, Blind(), COMBO)
+    for target in targets:
+        if not episode.crashed:
+            episode.move(target)
+    return episode
+
+
 class TestOutcomes:
     def test_crash_front(self, scenes):
         """The bumper, at 5 m/s, meets a pedestrian in the middle of the lane 20 m ahead: 4 s less half a pedestrian."""
@@ -51,6 +60,18 @@ class TestOutcomes:
         assert log.figures.outcome == "side"
         assert log.figures.crash_time_s == pytest.approx(4.0, abs=1e-6)
         assert log.positions[-1] > scenes.START_X + 30.0
+
+    def test_a_standing_ego_that_sets_off_runs_into_who_touches_it(self, scenes):
+        """It stands; a pedestrian comes to stand with half a box in its front, which is no crash; then it drives on."""
+        stops = _driven_blindly(scenes.scene(scenes.bystander()), [0.0] * 160)
+        ahead = stops.front_x - scenes.FRONT_X + 0.05
+        person = scenes.pedestrian([(ahead, -3.0), (ahead, 0.0)], start_s=5.0)  # there after 2 s
+        stands = _driven_blindly(scenes.scene(person), [0.0] * 160)
+        assert (stands.crashed, stands.log().figures.outcome) == (False, "none")
+        figures = _driven_blindly(scenes.scene(person), [0.0] * 160 + [5.0] * 20).log().figures
+        assert (figures.outcome, figures.crashed) == ("front", True)
+        assert figures.crash_time_s > 8.0
+        assert figures.impact_speed_mps < 0.5
 
     def test_stopped_in_time(self, scenes):
         log = drive(scenes.scene(scenes.crossing_pedestrian(20.0, 4.0)), oracle())
