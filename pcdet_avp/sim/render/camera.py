@@ -125,7 +125,5 @@ def _developed(radiance: np.ndarray, lighting: Lighting, rng: np.random.Generato
     gain = lighting.exposure * KEY / (MID_GREY * lighting.field.floor_light)
     seed = rng.integers(0, 2**64, dtype=np.uint64)
     noise = np.float32(lighting.read_noise), np.float32(lighting.shot_noise)
-    image_sensor.expose(
-        radiance, np.float32(gain), *noise, seed, image_sensor.tone_curve(lighting.gamma), image
-    )
+    image_sensor.expose(radiance, np.float32(gain), *noise, seed, image_sensor.tone_curve(lighting.gamma), image)
     return image
