@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcdet_avp.closed_loop.contact import time_to_collision
-from pcdet_avp.closed_loop.measures.motions import EgoMotion, OtherMotion, rotated
+from pcdet_avp.closed_loop.measures.motions import EgoMotion, OtherMotion
 from pcdet_avp.sim.dynamics import LongitudinalModel
 from pcdet_avp.structures.ego import BUMPER_X_M, EGO_WIDTH_M
 
@@ -39,7 +39,7 @@ def following(ego: EgoMotion, other: OtherMotion, dynamics: LongitudinalModel) -
     """DRAC, brake threat, headway and RSS margin of one road user, at the moments of ``ego``."""
     corners = ego.along(other.boxes)
     gap = corners[..., 0].min(1) - BUMPER_X_M
-    relative = rotated(other.velocities, -ego.poses[:, 2])[:, 0]
+    relative = ego.speeds_along(other)
     closing = ego.speeds - relative
     in_band = (np.abs(_nearest_aside(corners)) < EGO_WIDTH_M / 2) & (gap > 0)
     meets = _meets_front(ego, other) & (gap > 0)

@@ -11,6 +11,8 @@ from pcdet_avp.sim.trajectories import Path
 from pcdet_avp.structures.boxes import bev_corners
 from pcdet_avp.structures.ego import EGO_LENGTH_M, EGO_WIDTH_M
 
+STEP_S = 1e-3  # of the difference that gives a speed along a path
+
 
 @dataclass(frozen=True, eq=False)
 class EgoMotion:
@@ -40,6 +42,15 @@ class EgoMotion:
         if self.path is None:
             return in_ego_frame(np.broadcast_to(self.poses[0], (len(boxes), 3)), boxes)
         return self.path.project(bev_corners(boxes)) - np.array([self.driven[0], 0.0])
+
+    def speeds_along(self, other: OtherMotion) -> np.ndarray:
+        """(T,) m/s, how fast the near end of another road user moves along the ego's way."""
+        if self.path is None:
+            return rotated(other.velocities, -self.poses[:, 2])[:, 0]
+        moved = other.boxes.copy()
+        moved[:, :2] += STEP_S * other.velocities
+        near, then = (self.path.project(bev_corners(boxes))[..., 0].min(1) for boxes in (other.boxes, moved))
+        return (then - near) / STEP_S
 
     @property
     def boxes(self) -> np.ndarray:

@@ -98,6 +98,16 @@ def test_pet_of_a_crash_is_0_and_of_nobody_infinite(scenes):
         assert log.measures.min_pet_s == pet_s
 
 
+def test_whoever_drives_ahead_round_a_bend_closes_at_the_difference_of_speeds():
+    """The other is 6 m ahead on a circle of 9 m, turned by 38 degrees against the ego, and drives 1 m/s along it."""
+    path = Path.from_pose(0.0, 0.0, 0.0).arc(9.0, np.pi / 2)
+    x, y, yaw = path.at(6.0)
+    other = OtherMotion(np.array([[x, y, 0.5, 0.4, 0.4, 1.0, yaw]]), np.array([[np.cos(yaw), np.sin(yaw)]]))
+    ego = EgoMotion(*(np.array([v]) for v in (0.0, 0.0, 3.0, 0.0)), np.zeros((1, 3)), path)
+    found = following(ego, other, LongitudinalModel())
+    assert found.drac_mps2 == pytest.approx((3.0 - 1.0) ** 2 / (2 * (6.0 - 0.2 - 2.4)), rel=0.03)
+
+
 def needed(gap, closing):
     """DRAC by trial: the smallest constant deceleration with which the way until rest is no longer than the gap."""
     low, high = 0.0, 100.0
