@@ -31,7 +31,7 @@ from pcdet_avp.closed_loop.certify.climb import Certification, Row, SpeedTest, c
 from pcdet_avp.closed_loop.certify.rate_tests import FixedNumber
 from pcdet_avp.closed_loop.perception.faults import MARK
 from pcdet_avp.closed_loop.sweep.episode_row import Case
-from pcdet_avp.closed_loop.sweep.journal import Finished
+from pcdet_avp.closed_loop.sweep.journal import COMMITS, Finished, driven_by
 from pcdet_avp.errors import RecordError
 from pcdet_avp.evaluation.benchmark_table import markdown_table
 from pcdet_avp.files import write_json, write_text
@@ -92,7 +92,7 @@ def write_certificate(folder: Path, entries: Sequence[Entry], meta: Mapping[str,
     named = {_name(entry): entry for entry in [*held, *entries]}
     merged = sorted(named.values(), key=_order)
     write_json(folder / CERTIFICATE, merged)
-    write_text(folder / PAGE, "\n".join(page(merged, meta)) + "\n")
+    write_text(folder / PAGE, "\n".join(page(merged, {COMMITS: driven_by(folder), **meta})) + "\n")
     return merged
 
 
@@ -134,7 +134,8 @@ def page(entries: Sequence[Entry], meta: Mapping[str, Any]) -> list[str]:
     """``certificate.md``: the certified speeds, and every speed that was tested."""
     first = entries[0]
     weights = ", ".join(dict.fromkeys(entry["weights"] for entry in entries if entry.get("weights")))
-    facts = {"command": meta.get("command"), "commit": meta.get("git_commit"), "weights": weights}
+    commits = ", ".join(meta.get(COMMITS) or filter(None, [meta.get("git_commit")]))  # each drove a part
+    facts = {"command": meta.get("command"), "commit": commits, "weights": weights}
     return [
         f"# Speed certificate: crash rate below {first['rate']:.3g} at {1 - first['alpha']:.0%} confidence",
         "",

@@ -14,6 +14,7 @@ from pcdet_avp.closed_loop.certify.certificate import CERTIFICATE, PAGE, certifi
 from pcdet_avp.closed_loop.certify.climb import Certification, climb
 from pcdet_avp.closed_loop.certify.rate_tests import FixedNumber, Sequential
 from pcdet_avp.closed_loop.certify.run import run_certification
+from pcdet_avp.closed_loop.sweep import journal as journal_module
 from pcdet_avp.closed_loop.sweep.case import run_case
 from pcdet_avp.closed_loop.sweep.episode_row import Case
 from pcdet_avp.closed_loop.sweep.journal import JOURNAL, Journal
@@ -120,6 +121,16 @@ def test_the_same_bytes_in_any_order_with_any_number_of_workers_and_after_being_
     drive(crashes, asked(test), killed)
     for file in (CERTIFICATE, EPISODES):
         assert len({(tmp_path / name / file).read_bytes() for name in ("one", "two", "nine", "killed")}) == 1
+
+
+def test_the_page_names_every_commit_that_drove(drive, tmp_path, monkeypatch):
+    wanted, safe = asked(combos=("C+none",)), lambda case: False
+    monkeypatch.setattr(journal_module, "git_commit", lambda: "aaa")
+    with pytest.raises(KeyboardInterrupt):
+        drive(safe, wanted, tmp_path, lives=3)
+    monkeypatch.setattr(journal_module, "git_commit", lambda: "bbb")
+    drive(safe, wanted, tmp_path)
+    assert "- commit: `aaa, bbb`" in (tmp_path / PAGE).read_text()
 
 
 def test_runs_ahead_of_a_verdict_do_not_count(drive, tmp_path):
