@@ -73,9 +73,12 @@ def test_a_limit_on_bytes_is_the_configurations_and_holds_as_in_torch(to_export,
         assert len(ours) == expected
     with pytest.raises(ConfigError, match=r"CONSTANT_SIZE: expected MAX_BYTES of 299 or less"):
         deployed.roadside(299)
-    cfg.MODEL.COMPRESSION.MAX_BYTES = 20
-    with pytest.raises(ConfigError, match=r"MAX_BYTES: expected \d+ or more, .*found 20"):
-        open_deployed(exported, "onnxruntime", cfg, threads=1)
+    cfg.MODEL.COMPRESSION.CONSTANT_SIZE = False
+    unit = {"X_M": 0.0, "Y_M": 0.0, "Z_M": 5.0, "YAW_DEG": 0.0, "PITCH_DOWN_DEG": 30.0}
+    for units, least in ((None, 47), ([unit, unit], 49)):  # the second unit says its number in two bytes
+        cfg.DATA_CONFIG.ROADSIDE_UNITS, cfg.MODEL.COMPRESSION.MAX_BYTES = units, least - 1
+        with pytest.raises(ConfigError, match=rf"MAX_BYTES: expected {least} or more, .*found {least - 1}"):
+            open_deployed(exported, "onnxruntime", cfg, threads=1)
 
 
 def test_the_whole_roadside_half_sends_nearly_torchs_map(to_export, halves, in_torch, frames):
