@@ -23,8 +23,7 @@ set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 python3 -m venv "$folder/venv"
-"$folder/venv/bin/pip" install --quiet commonroad-crime==0.4.5 commonroad-io==2024.3 commonroad-reach==2025.2.1 \
-    commonroad-clcs==2025.2.0 commonroad-drivability-checker==2025.3.1
+"$folder/venv/bin/pip" install --quiet commonroad-crime==0.4.5 commonroad-clcs==2025.2.0
 cd "$folder"
 HOME="$folder" MPLBACKEND=Agg venv/bin/python -W ignore - <<'PYTHON'
 import math
