@@ -35,11 +35,15 @@ SensorName = tuple[str, int, str]  # agent, number of the roadside unit (0 for t
 @dataclass(frozen=True, eq=False)
 class AgentRig:
     """The camera and the LiDAR of one agent, both in its frame: x forward, z up, origin on the floor, below
-    the mast of the roadside unit or below the centre of the ego vehicle."""
+    the mast of the roadside unit or below the centre of the ego vehicle.
+
+    ``first_row``: nobody reads the rows of images above it (see ``render``).
+    """
 
     camera: PinholeCamera
     lidar: LidarModel
     lidar_noise: LidarNoise
+    first_row: int = 0
 
     @classmethod
     def from_config(cls, cfg: Mapping) -> AgentRig:
@@ -238,7 +242,8 @@ class Sensor(NamedTuple):
     def picture(self, lighting: Lighting) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Image, depth, and the instance number behind each pixel."""
         placed, rng = self.placed, sensor_rng(self.key, self.source, self.placed.unit)
-        rendered = render(placed.tracer(), placed.rig.camera, placed.world_from_agent, lighting, rng)
+        rig = placed.rig
+        rendered = render(placed.tracer(), rig.camera, placed.world_from_agent, lighting, rng, rig.first_row)
         return rendered.image, rendered.depth, rendered.instance
 
     def scan(self) -> tuple[LidarScan, np.ndarray]:

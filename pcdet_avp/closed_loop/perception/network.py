@@ -7,7 +7,7 @@ import logging
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -51,6 +51,7 @@ class DrivingNetwork:
     deployed: Deployed | None = None
     amp: bool = False  # compute in bf16 where that is safe, as training with --use_amp does
     units: tuple[MountedUnit, ...] = ()  # DATA_CONFIG.ROADSIDE_UNITS; none: the one at the world's mast
+    first_rows: Mapping[str, int] = field(default_factory=dict)  # by agent: rows of images above it are cut off unread
 
     @contextmanager
     def computing(self) -> Iterator[None]:
@@ -97,7 +98,16 @@ def untrained(cfg: Mapping, seed: int = 0) -> DrivingNetwork:
     facts = {"checkpoint": None, "iterations": 0, "weights_hash": weights_hash(network.state_dict())}
     units, grid = mounted_units(cfg["DATA_CONFIG"].get("ROADSIDE_UNITS")), network_input.prepare_config.grid
     network.codec.check_size(grid.height, grid.width, last_number(units))
-    return DrivingNetwork(network, network_input, cfg["DATA_CONFIG"]["SENSORS"], facts, units=units)
+    sensors, rows = cfg["DATA_CONFIG"]["SENSORS"], _first_rows(cfg)
+    return DrivingNetwork(network, network_input, sensors, facts, units=units, first_rows=rows)
+
+
+def _first_rows(cfg: Mapping) -> dict[str, int]:
+    """CROP_TOP_PX counts rows of IMAGE_SHAPE; where an agent's camera has another size, every row is read."""
+    data, crops = cfg["DATA_CONFIG"], (cfg["MODEL"].get("CAMERA_ENCODER") or {}).get("CROP_TOP_PX") or {}
+    cameras = {agent: data["SENSORS"][agent.upper()]["CAMERA"] for agent in crops}
+    sizes = {agent: [camera["HEIGHT"], camera["WIDTH"]] for agent, camera in cameras.items()}
+    return {agent: rows for agent, rows in crops.items() if sizes[agent] == list(data["IMAGE_SHAPE"])}
 
 
 def load(
@@ -186,7 +196,8 @@ def load_exported(
     known = {key: facts.get(key) for key in ("checkpoint", "iterations", "weights_hash")}
     facts = {**known, THRESHOLDS_KEY: dict(thresholds), "runtime": deployed.name}
     units = mounted_units(cfg["DATA_CONFIG"].get("ROADSIDE_UNITS"))
-    driving = DrivingNetwork(None, network_input, cfg["DATA_CONFIG"]["SENSORS"], facts, deployed, units=units)
+    sensors, rows = cfg["DATA_CONFIG"]["SENSORS"], _first_rows(cfg)
+    driving = DrivingNetwork(None, network_input, sensors, facts, deployed, units=units, first_rows=rows)
     _say_what_is_new_to_it(driving)
     return driving
 

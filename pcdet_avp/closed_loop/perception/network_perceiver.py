@@ -55,7 +55,7 @@ class NetworkPerceiver:
 
     def __init__(self, driving: DrivingNetwork, options: LinkOptions) -> None:
         self._driving, self._options = driving, options
-        self._forward = rig_ahead(driving)
+        self._forward = rig_as_read(driving)
         self._backward = Rig.from_config(driving.sensors, driving.units).reversed()
         self._rig, self._reversing = self._forward, False
         ideal = options.link == "ideal"
@@ -135,13 +135,14 @@ class NetworkPerceiver:
         return np.random.default_rng(np.random.SeedSequence(self._key, spawn_key=(number,)))
 
 
-def rig_ahead(driving: DrivingNetwork) -> Rig:
-    """The sensors that the network was trained with; of a full turn of the vehicle's LiDAR, the half that lies ahead.
+def rig_as_read(driving: DrivingNetwork) -> Rig:
+    """The sensors that the network was trained with, as far as it reads them; what it reads stays bit by bit the same.
 
-    The other half is outside the vehicle's map, which begins at the LiDAR. The rays that are left are the same.
+    Left out are the rows of images that it cuts off, and of a full turn of the vehicle's LiDAR the half that does not
+    lie ahead: outside the vehicle's map, which begins at the LiDAR.
     """
-    rig, grid = Rig.from_config(driving.sensors, driving.units), driving.input.prepare_config.grid
-    lidar = rig.ego.lidar
+    rig = _without_unread_rows(Rig.from_config(driving.sensors, driving.units), driving.first_rows)
+    grid, lidar = driving.input.prepare_config.grid, rig.ego.lidar
     behind = lidar.agent_from_lidar.translation[0] <= grid.x_min_m and np.allclose(
         lidar.agent_from_lidar.rotation, np.eye(3)
     )
@@ -149,6 +150,12 @@ def rig_ahead(driving: DrivingNetwork) -> Rig:
         return rig
     ahead = replace(lidar, columns=lidar.columns // 2, azimuth_span=np.pi)
     return replace(rig, ego=replace(rig.ego, lidar=ahead))
+
+
+def _without_unread_rows(rig: Rig, first_rows: Mapping[str, int]) -> Rig:
+    ego, infra = (first_rows.get(agent, 0) for agent in ("ego", "infra"))
+    units = tuple((unit, replace(sensors, first_row=infra)) for unit, sensors in rig.units)
+    return Rig(replace(rig.ego, first_row=ego), replace(rig.infra, first_row=infra), units)
 
 
 def drawn_error(options: LinkOptions, generator: np.random.Generator) -> Pose:

@@ -15,20 +15,21 @@ STEP = 2  # pixels between samples
 LEAST = F(0.12)  # some light gets everywhere
 
 
-def ambient_visibility(tracer, camera, eye, rays, hits, enabled: bool, memory=None) -> np.ndarray:
+def ambient_visibility(tracer, shape, eye, rays, hits, enabled: bool, memory=None) -> np.ndarray:
     """(R,) float32 in [LEAST, 1]: the unblocked share of a cosine-weighted hemisphere within ``REACH_M``.
+
+    The rays are those of an image of ``shape``, rows and columns, row by row.
 
     ``memory`` (see ``RayTracer.shadows``) has a slot per pixel at its end, of which every fourth is needed.
     """
     visibility = np.ones(len(rays), np.float32)
     if not enabled:
         return visibility
-    rows, cols = -(-camera.height // STEP), -(-camera.width // STEP)
+    rows, cols = (-(-pixels // STEP) for pixels in shape)
     origins, directions = np.empty((rows * cols, 3), np.float32), np.empty((rows * cols, 3), np.float32)
-    _probe(eye, rays, hits.distance, hits.face, hits.u, hits.v, tracer.normals, camera.width, cols, origins, directions)
+    _probe(eye, rays, hits.distance, hits.face, hits.u, hits.v, tracer.normals, shape[1], cols, origins, directions)
     slots = np.arange(len(origins)) - len(rays)
     free = ~tracer.shadowed(origins, directions, memory, slots).reshape(rows, cols)
-    shape = (camera.height, camera.width)
     _spread(free, hits.distance.reshape(shape), np.empty((rows, cols), np.float32), visibility.reshape(shape))
     return visibility
 

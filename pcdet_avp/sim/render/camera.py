@@ -17,6 +17,7 @@ from pcdet_avp.structures.pose import Pose
 
 MID_GREY = 0.18
 BAND_ROWS = 64  # even: the shading's pattern spans two rows
+MARGIN_ROWS = 8  # above the first row that counts: a multiple of the 8 rows after which all patterns repeat
 HEADLAMP_POWER = 3.0  # of a pair of head lamps, in floor lights at 5 m
 
 
@@ -31,16 +32,32 @@ class Rendered:
 
 
 def render(
-    tracer: RayTracer, camera: PinholeCamera, world_from_agent: Pose, lighting: Lighting, rng: np.random.Generator
+    tracer: RayTracer,
+    camera: PinholeCamera,
+    world_from_agent: Pose,
+    lighting: Lighting,
+    rng: np.random.Generator,
+    first_row: int = 0,
 ) -> Rendered:
-    """Take a picture of the tracer's world (world frame)."""
+    """Take a picture of the tracer's world (world frame).
+
+    Nobody reads the rows above ``first_row``: most of them stay dark and empty. From there on a picture is bit by bit
+    what it is without them.
+    """
     world_from_camera = world_from_agent @ camera.agent_from_camera
     eye = world_from_camera.translation.astype(np.float32)
-    rays = camera_rays(camera, world_from_camera)
-    hits = tracer.cast(eye, rays)
-    radiance, depth, instance = _radiance(tracer, camera, eye, rays, hits, lighting)
-    shape = (camera.height, camera.width)
-    return Rendered(_developed(radiance, shape, lighting, rng), depth.reshape(shape), instance.reshape(shape))
+    dark = max(0, (first_row - MARGIN_ROWS) // MARGIN_ROWS * MARGIN_ROWS)
+    rays = camera_rays(camera, world_from_camera)[dark * camera.width :]
+    shape = (camera.height - dark, camera.width)
+    seen = _radiance(tracer, shape, eye, rays, tracer.cast(eye, rays), lighting)
+    values = zip(seen, ((3,), (), ()), (0, 0, -1), strict=True)
+    radiance, depth, instance = (_below(a.reshape(*shape, *of), dark, nothing) for a, of, nothing in values)
+    return Rendered(_developed(radiance, lighting, rng), depth, instance)
+
+
+def _below(seen: np.ndarray, rows: int, nothing: float) -> np.ndarray:
+    """An image (H, W, ...) with so many rows of ``nothing`` above it."""
+    return np.pad(seen, [(rows, 0)] + [(0, 0)] * (seen.ndim - 1), constant_values=nothing) if rows else seen
 
 
 def camera_rays(camera: PinholeCamera, world_from_camera: Pose) -> np.ndarray:
@@ -59,11 +76,14 @@ def _fill_rays(m, width, rays):
             rays[i, c] = m[c, 0] * u + m[c, 1] * v + m[c, 2]
 
 
-def _radiance(tracer, camera, eye, rays, hits, lighting) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Radiance (R, 3), depth (R,) and instance (R,). Bands of rows share the memory of the shadow rays."""
-    count, band, lamps = len(rays), BAND_ROWS * camera.width, lighting.shadow_lamps
+def _radiance(tracer, shape, eye, rays, hits, lighting) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Radiance (R, 3), depth (R,) and instance (R,) of an image of ``shape``, rows and columns.
+
+    Bands of rows share the memory of the shadow rays.
+    """
+    count, band, lamps = len(rays), BAND_ROWS * shape[1], lighting.shadow_lamps
     memory = tracer.shadows(eye, count * (lamps + 1))  # the last ``count`` slots are ambient_visibility's
-    visibility = ambient_visibility(tracer, camera, eye, rays, hits, lighting.ambient_occlusion, memory)
+    visibility = ambient_visibility(tracer, shape, eye, rays, hits, lighting.ambient_occlusion, memory)
     seen = np.empty((count, 3), np.float32), np.empty(count, np.float32), np.empty(count, np.int32)
     scene = _scene_tables(tracer, lighting)
     shadows = _shadow_buffers(band * lamps)
@@ -71,7 +91,7 @@ def _radiance(tracer, camera, eye, rays, hits, lighting) -> tuple[np.ndarray, np
         part = slice(start, start + band)
         columns = tuple(a[part] for a in (rays, hits.distance, hits.face, hits.u, hits.v, visibility))
         out = tuple(a[part] for a in seen)
-        found = shading.shade(eye, camera.width, columns, *scene, lamps, out, shadows)
+        found = shading.shade(eye, shape[1], columns, *scene, lamps, out, shadows)
         origins, directions, pixel, arriving = (a[:found] for a in shadows)
         blocked = tracer.shadowed(origins, directions, memory, ray_slots(pixel, lamps, start * lamps))
         shading.add_unblocked(out[0], pixel, arriving, blocked)
@@ -100,12 +120,10 @@ def _beams(headlamps: tuple[Pose, ...]) -> np.ndarray:
     return np.array(rows, np.float32).reshape(-1, 4, 3)
 
 
-def _developed(radiance, shape, lighting: Lighting, rng: np.random.Generator) -> np.ndarray:
-    image = np.empty((*shape, 3), np.uint8)
+def _developed(radiance: np.ndarray, lighting: Lighting, rng: np.random.Generator) -> np.ndarray:
+    image = np.empty(radiance.shape, np.uint8)
     gain = lighting.exposure * KEY / (MID_GREY * lighting.field.floor_light)
     seed = rng.integers(0, 2**64, dtype=np.uint64)
     noise = np.float32(lighting.read_noise), np.float32(lighting.shot_noise)
-    image_sensor.expose(
-        radiance.reshape(*shape, 3), np.float32(gain), *noise, seed, image_sensor.tone_curve(lighting.gamma), image
-    )
+    image_sensor.expose(radiance, np.float32(gain), *noise, seed, image_sensor.tone_curve(lighting.gamma), image)
     return image

@@ -10,7 +10,7 @@ import torch
 
 from pcdet_avp.closed_loop.perception.link_options import LinkOptions
 from pcdet_avp.closed_loop.perception.network import untrained
-from pcdet_avp.closed_loop.perception.network_perceiver import NetworkPerceiver, drawn_error, rig_ahead
+from pcdet_avp.closed_loop.perception.network_perceiver import NetworkPerceiver, drawn_error, rig_as_read
 from pcdet_avp.closed_loop.perception.roadside_unit import RoadsideUnit
 from pcdet_avp.closed_loop.perception.vehicle_unit import Onboard
 from pcdet_avp.config import apply_overrides, load_config
@@ -34,7 +34,7 @@ TICK_S = 0.05
 
 @pytest.fixture(scope="module")
 def rig(driving):
-    return rig_ahead(driving)
+    return rig_as_read(driving)
 
 
 @pytest.fixture(scope="module")
@@ -203,7 +203,7 @@ def test_maps_without_compression_cannot_be_sent():
 
 
 def test_a_vehicle_that_reverses_has_no_camera_and_a_lidar_that_looks_where_it_goes(driving, scene):
-    """Its whole turn of columns is cast: the half that lies ahead is not the one that ``rig_ahead`` keeps."""
+    """Its whole turn of columns is cast: the half that lies ahead is not the one that ``rig_as_read`` keeps."""
     perceiver = NetworkPerceiver(driving, LinkOptions())
     perceiver.begin(SimpleNamespace(name="test", trial=3, reversing=True), KEY)
     assert len(perceiver.perceive(at_tick(scene, 0), 0, SENSOR_SETS["C+none"]).boxes) == 0
@@ -221,3 +221,16 @@ def test_with_its_own_sensors_dead_a_vehicle_has_the_roadside_s_maps_and_then_no
     assert len(perceiver.perceive(at_tick(scene, 0), 0, SensorSet(False, False, True, True)).boxes) > 0
     perceiver.begin(SCENARIO, KEY)
     assert len(perceiver.perceive(at_tick(scene, 0), 0, SensorSet(False, False, False, False)).boxes) == 0
+
+
+def test_without_the_rows_that_the_network_cuts_off_it_finds_the_same(scene):
+    cfg = load_config(CFG_FILE)
+    cfg.MODEL.CAMERA_ENCODER.CROP_TOP_PX = {"ego": 28, "infra": 16}
+    driving = untrained(cfg)
+    rig = rig_as_read(driving)
+    assert (rig.ego.first_row, rig.infra.first_row) == (28, 16)
+    part, whole = (drive(d, scene, ["C+C"])[0] for d in (driving, replace(driving, first_rows={})))
+    assert same(part, whole)
+    assert len(part.boxes) > 0
+    cfg.DATA_CONFIG.SENSORS.EGO.CAMERA.HEIGHT = 216  # its images are resized before they are cut
+    assert rig_as_read(untrained(cfg)).ego.first_row == 0

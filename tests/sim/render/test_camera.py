@@ -224,3 +224,17 @@ def test_bad_lighting_is_refused():
 
 def test_a_garage_without_lamps_is_black_but_renders():
     assert picture([floor()], replace(NOISELESS, lamps=(), ambient=0.0)).image.max() < 10
+
+
+@pytest.mark.parametrize("first_row", [8, 64, 71])
+def test_rows_that_nobody_reads_stay_dark_and_change_no_other(first_row):
+    """Noise, ambient occlusion, the lens and the patterns of the shading reach over neighbouring rows."""
+    car = car_mesh(CarSpec("suv", 4.8, 2.0, 1.8, (0.6, 0.1, 0.1))).transformed(Pose.from_xyz_yaw(4.5, 0.6, yaw=0.4))
+    ceiling = quad((-50, -50, 3.4), (-50, 50, 3.4), (90, 50, 3.4), (90, -50, 3.4), GREY, Material.CONCRETE), -1
+    world = RayTracer([TriangleScene([floor(Material.FLOOR), ceiling, (car, 5)])])
+    whole, part = (render(world, CAMERA, HERE, Lighting(LAMPS), np.random.default_rng(3), r) for r in (0, first_row))
+    for name in ("image", "depth", "instance"):
+        assert np.array_equal(getattr(whole, name)[first_row:], getattr(part, name)[first_row:])
+    dark = max(0, first_row - 16)
+    assert (whole.depth[:dark] > 0).all()
+    assert not part.depth[:dark].any()
