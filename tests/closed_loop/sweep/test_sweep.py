@@ -14,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from pool_here import PoolHere
 from waiting import LAST_S, wait_for
 
 from pcdet_avp.closed_loop.report.report import write_report
@@ -47,22 +48,6 @@ def asked(**changes) -> Sweep:
         "identity": {"oracle": {}},
     }
     return Sweep(**{**given, **changes})
-
-
-class PoolHere:
-    """No Dask: one job at a time; ``choose`` says which of those that wait is next."""
-
-    def __init__(self, function, choose):
-        self.function, self.choose, self.waiting = function, choose, []
-
-    def submit(self, job, priority=0):
-        self.waiting.append(job)
-
-    def results(self):
-        while self.waiting:
-            job = self.choose(self.waiting)
-            self.waiting.remove(job)
-            yield self.function(job)
 
 
 def run_here(monkeypatch, choose):
