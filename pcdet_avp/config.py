@@ -25,6 +25,7 @@ from easydict import EasyDict
 from pcdet_avp import shipped
 from pcdet_avp.config_scenes import OPTIONAL_KEYS, known_name, without_defaults
 from pcdet_avp.errors import ConfigError
+from pcdet_avp.yaml_loader import FiniteLoader
 
 BASE_KEY = "_BASE_CONFIG_"
 PATH_KEYS = ("DATA_PATH",)  # values that say where something lies, not what it is
@@ -32,22 +33,8 @@ PATH_KEYS = ("DATA_PATH",)  # values that say where something lies, not what it 
 LATER_KEYS = {"ROADSIDE_UNIT": None, "SPLIT_BY": "scene", "MAX_BYTES": None, "CONSTANT_SIZE": False}
 
 
-class _Loader(yaml.SafeLoader):
-    """Safe YAML that reads 1e-3 as a number; it refuses a key written twice, and an alias of what it lies in."""
-
-    def __init__(self, stream) -> None:
-        super().__init__(stream)
-        self._inside: list[str | None] = []  # anchors of the values that the one being read lies in
-
-    def compose_node(self, parent, index):
-        event = self.peek_event()
-        if isinstance(event, yaml.AliasEvent) and event.anchor in self._inside:
-            problem = f"alias *{event.anchor} of what it lies in has no end"
-            raise yaml.composer.ComposerError(None, None, problem, event.start_mark)
-        self._inside.append(event.anchor)
-        node = super().compose_node(parent, index)
-        self._inside.pop()
-        return node
+class _Loader(FiniteLoader):
+    """Reads 1e-3 as a number, and refuses a key written twice."""
 
     def construct_mapping(self, node, deep=False):
         seen = set()

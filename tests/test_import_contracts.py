@@ -56,15 +56,17 @@ def test_numpy_floors_never_import_torch():
 OPENING_FLOORS = (
     "models.export.opened",
     "datasets.avp.frames",
-    "datasets.avp.prepare",
     "engine.halves",
     "engine.real_time",
     "runtime_arguments",
 )
+RECORD_FLOORS = tuple(f"datasets.avp.{module}" for module in ("record", "manifest", "splits", "prepare", "augment"))
+TABLES = ("registry", "config")
 
 
-def test_a_computer_without_torch_can_open_an_exported_network():
-    assert "torch" not in loaded_after(*(module.replace(".", "/") for module in OPENING_FLOORS))
+def test_exported_networks_records_samples_and_tables_need_no_torch():
+    modules = (*OPENING_FLOORS, *RECORD_FLOORS, *TABLES)
+    assert "torch" not in loaded_after(*(module.replace(".", "/") for module in modules))
 
 
 def test_an_exported_network_needs_the_floors_below_alone():

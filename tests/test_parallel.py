@@ -13,6 +13,14 @@ from pcdet_avp.errors import ConfigError
 from pcdet_avp.parallel import run_tasks, task_pool
 
 
+@pytest.fixture(scope="module")
+def running():
+    """The address of a cluster of two processes that tests share."""
+    settings = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0", "memory_limit": 0}
+    with LocalCluster(**settings) as cluster:
+        yield cluster.scheduler_address
+
+
 def test_jobs_added_between_results_are_run_by_the_same_processes():
     with task_pool(lambda job: (job, os.getpid()), workers=2) as pool:
         for job in range(4):
@@ -35,7 +43,7 @@ def test_jobs_are_begun_by_priority_but_for_one_that_the_worker_holds_ready():
     assert begun[2:] == sorted(begun[2:], reverse=True)
 
 
-def test_the_first_error_is_raised_and_the_rest_is_given_up(tmp_path):
+def test_the_first_error_is_raised_and_the_rest_is_given_up(tmp_path, running):
     def leave_a_file(job):
         if job == 0:
             raise ConfigError("no")
@@ -43,7 +51,7 @@ def test_the_first_error_is_raised_and_the_rest_is_given_up(tmp_path):
         (tmp_path / str(job)).touch()
 
     with pytest.raises(ConfigError, match="no"):
-        list(run_tasks(leave_a_file, range(400), workers=2))
+        list(run_tasks(leave_a_file, range(400), scheduler=running))
     assert len(list(tmp_path.iterdir())) < 200  # of 40 s of work
 
 
@@ -53,7 +61,7 @@ def test_no_job_needs_no_cluster_but_a_worker_there_must_be():
         list(run_tasks(print, [], workers=0))
 
 
-def test_a_running_cluster_that_loses_a_worker_does_its_job_again(tmp_path):
+def test_a_running_cluster_that_loses_a_worker_does_its_job_again(tmp_path, running):
     """The worker kills itself in the middle of a job, once; every job ends with one result all the same."""
 
     def die_once(job):
@@ -63,9 +71,7 @@ def test_a_running_cluster_that_loses_a_worker_does_its_job_again(tmp_path):
             os.kill(os.getpid(), signal.SIGKILL)
         return number
 
-    settings = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0", "memory_limit": 0}
-    with LocalCluster(**settings) as cluster:
-        found = list(run_tasks(die_once, [(tmp_path, n) for n in range(8)], scheduler=cluster.scheduler_address))
+    found = list(run_tasks(die_once, [(tmp_path, n) for n in range(8)], scheduler=running))
     assert sorted(found) == list(range(8))
     assert (tmp_path / "died").exists()
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 from functools import partial
-from pathlib import Path
+from pathlib import Path, PurePosixPath, PureWindowsPath
+from typing import Any
 
 from pcdet_avp.argument_types import Parser, path
 from pcdet_avp.cli import run_tool
@@ -32,11 +33,30 @@ def main() -> None:
             f"{ckpt}: lacks {', '.join(missing)}; tools/train.py chooses score thresholds at the end of a run"
         )
     config = content["config"]
-    data = {**config["DATA_CONFIG"], "DATA_PATH": Path(config["DATA_CONFIG"]["DATA_PATH"]).name}  # no path of this disk
-    kept = {key: content[key] for key in kept_keys}
-    save(args.out, kept | {"config": {**config, "DATA_CONFIG": data}, MEANING_KEY: meaning_in(content)})
+    data = {**config["DATA_CONFIG"], "DATA_PATH": Path(config["DATA_CONFIG"]["DATA_PATH"]).name}
+    said = without_folders({"config": {**config, "DATA_CONFIG": data}, MEANING_KEY: meaning_in(content)})
+    save(args.out, {key: content[key] for key in kept_keys} | said)
     size = args.out.stat().st_size / 2**20
     print(f"wrote {args.out}: weights {weights_hash(content['model_state'])}, {size:.1f} MB")
+
+
+def without_folders(value: Any) -> Any:
+    """A copy in which every text that is a path of this machine is the name at its end.
+
+    Such are absolute paths, of Windows too, and those that begin in a home folder or lead out of the working folder.
+    """
+    if isinstance(value, dict):
+        return {key: without_folders(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [without_folders(item) for item in value]
+    return _name_of(value) if isinstance(value, str) else value
+
+
+def _name_of(text: str) -> str:
+    for found in (PurePosixPath(text), PureWindowsPath(text)):
+        if found.is_absolute() or text.startswith("~") or found.parts[:1] == ("..",):
+            return found.name
+    return text
 
 
 def furthest_of(folder: Path) -> Path:

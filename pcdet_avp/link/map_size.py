@@ -13,10 +13,13 @@ from typing import Any
 import numpy as np
 
 from pcdet_avp.errors import ConfigError
-from pcdet_avp.link.header import MapFormat, MapStamp
+from pcdet_avp.link.header import MODALITIES, MapStamp
 from pcdet_avp.link.packet import encode
 from pcdet_avp.link.rate_control import encode_constant, encode_within
-from pcdet_avp.link.segment import overhead_bytes
+from pcdet_avp.link.segment import padding_overhead_bytes
+
+# More than any empty map takes: headers, 255 exponents, and of 8 million cells, the rarest bit of each.
+LONGEST_EMPTY_BYTES = 16_000
 
 
 @dataclass(frozen=True)
@@ -45,15 +48,22 @@ class MapSize:
         limits = [limit for limit in (self.max_bytes, budget_bytes) if limit is not None]
         return replace(self, max_bytes=min(limits, default=None))
 
-    def check(self, channels: int, precision: str) -> None:
-        """ConfigError where not even the headers of a map of so many channels, and a byte of its body, fit."""
-        exponents = (0,) * channels if precision == "int8" else ()
-        least = overhead_bytes(MapFormat(channels, 1, 1, precision, exponents), padded=self.constant) + 1
-        if self.max_bytes is not None and self.max_bytes < least:
+    def check(self, shape: tuple[int, int, int], precision: str, sender: int = 0) -> None:
+        """ConfigError where not even an empty map (C, H, W) of a unit of this number fits, so that no map would.
+
+        Counted is one segment as it would be sent: headers, checksum, and a body that takes a byte for some 1,400 empty
+        cells. A unit of another number than 0 says it in two bytes (``link.segment``, version 2).
+        """
+        if self.max_bytes is not None and self.max_bytes < (least := self._least_bytes(shape, precision, sender)):
             raise ConfigError(
-                f"MODEL.COMPRESSION.MAX_BYTES: expected {least} or more, the headers of an {precision} map of "
-                f"{channels} channels, found {self.max_bytes}"
+                f"MODEL.COMPRESSION.MAX_BYTES: expected {least} or more, an empty {precision} map of "
+                f"{' x '.join(map(str, shape))} of roadside unit {sender}, found {self.max_bytes}"
             )
+
+    def _least_bytes(self, shape: tuple[int, int, int], precision: str, sender: int) -> int:
+        stamp = MapStamp(0, 0, MODALITIES[0], 0.0, 0.0, 0.0, sender)
+        (segment,) = encode(np.zeros(shape, np.float32), stamp, LONGEST_EMPTY_BYTES, precision)
+        return len(segment) + (padding_overhead_bytes(sender) if self.constant else 0)
 
     def in_segments(self, max_segment_bytes: int) -> MapSize:
         """The same limit, no longer constant where a map of that size would not be one segment."""

@@ -105,3 +105,8 @@ def mounted_units(section: Sequence[Mapping[str, Any]] | None) -> tuple[MountedU
     if not isinstance(section, Sequence) or isinstance(section, str) or not section:
         raise ConfigError(f"{SECTION}: expected a list of at least one unit, found {section!r}")
     return tuple(MountedUnit.from_config(unit, f"{SECTION}.{number}") for number, unit in enumerate(section))
+
+
+def last_number(units: Sequence[MountedUnit]) -> int:
+    """The highest number of a site's units, which their packets carry; 0 where there is one unit, or none is listed."""
+    return max(len(units) - 1, 0)

@@ -12,7 +12,7 @@ from easydict import EasyDict
 
 from pcdet_avp.config import apply_overrides, load_config
 from pcdet_avp.datasets import build_dataset
-from pcdet_avp.datasets.avp.made_by import check_made_by
+from pcdet_avp.datasets.avp.made_by import check_made_by, describes
 from pcdet_avp.datasets.avp.manifest import Manifest
 from pcdet_avp.errors import RecordError
 
@@ -128,3 +128,19 @@ def test_the_data_set_class_refuses_and_the_generator_goes_on_with_its_own(cfg, 
     (foreign / "dataset.json").write_text(json.dumps(manifest))
     cfg.DATA_PATH = str(foreign)
     assert len(build_dataset(cfg, ["Car"], training=True)) == 4
+
+
+@pytest.mark.parametrize(
+    ("plan", "same"),
+    [
+        ("/home/a/site.yaml", True),
+        ("site.yaml", True),
+        ("other.yaml", False),
+        ("/home/b/site.yaml", False),
+        (None, False),
+    ],
+)
+def test_published_weights_know_a_plan_by_the_name_of_its_file(cfg, plan, same):
+    data = copy.deepcopy(CFG)
+    data["GENERATE"]["PLAN"], cfg.GENERATE.PLAN = "/home/a/site.yaml", plan
+    assert describes(cfg, made(data)) == same

@@ -3,12 +3,12 @@
 import json
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from waiting import wait_for
 
 from pcdet_avp.datasets.avp.layout import PARTIAL_SUFFIX
 from pcdet_avp.datasets.avp.record import clean_leftovers, frame_dir, has_frame, read_frame, write_frame
@@ -345,9 +345,7 @@ def test_after_kill_9_every_frame_that_is_there_is_whole(tmp_path, make_frame):
     code = ENDLESS.format(root=str(tmp_path / "good"), target=str(tmp_path / "out"), id=ID)
     writers = [subprocess.Popen([sys.executable, "-c", code]) for _ in range(2)]  # both write the same frames
     scene = tmp_path / "out" / "scenes" / "scene_0000"
-    deadline = time.monotonic() + 60
-    while not (scene / "000019").exists() and time.monotonic() < deadline:
-        time.sleep(0.01)
+    wait_for((scene / "000019").exists, writers[0])
     assert all(writer.poll() is None for writer in writers)
     for writer in writers:
         writer.kill()

@@ -73,9 +73,12 @@ def test_a_limit_on_bytes_is_the_configurations_and_holds_as_in_torch(to_export,
         assert len(ours) == expected
     with pytest.raises(ConfigError, match=r"CONSTANT_SIZE: expected MAX_BYTES of 299 or less"):
         deployed.roadside(299)
-    cfg.MODEL.COMPRESSION.MAX_BYTES = 20
-    with pytest.raises(ConfigError, match=r"MAX_BYTES: expected \d+ or more, .*found 20"):
-        open_deployed(exported, "onnxruntime", cfg, threads=1)
+    cfg.MODEL.COMPRESSION.CONSTANT_SIZE = False
+    unit = {"X_M": 0.0, "Y_M": 0.0, "Z_M": 5.0, "YAW_DEG": 0.0, "PITCH_DOWN_DEG": 30.0}
+    for units, least in ((None, 47), ([unit, unit], 49)):  # the second unit says its number in two bytes
+        cfg.DATA_CONFIG.ROADSIDE_UNITS, cfg.MODEL.COMPRESSION.MAX_BYTES = units, least - 1
+        with pytest.raises(ConfigError, match=rf"MAX_BYTES: expected {least} or more, .*found {least - 1}"):
+            open_deployed(exported, "onnxruntime", cfg, threads=1)
 
 
 def test_the_whole_roadside_half_sends_nearly_torchs_map(to_export, halves, in_torch, frames):
@@ -110,6 +113,19 @@ def test_detections_are_near_torchs(to_export, halves, in_torch, frames, combo):
             off = np.abs(ours["pred_boxes"][same] - box)[:, :6].max(1)
             assert off.min() < 0.01
             assert abs(ours["pred_scores"][same][off.argmin()] - score) < 0.005
+
+
+def test_packets_name_the_network_that_was_exported_once_they_are_to(to_export, deployed, frames):
+    sample = sample_of(frames[0], to_export)
+    half, pose = deployed.roadside(SEGMENT_BYTES), frames[0].infra.world_from_agent
+    assert {decode(s).stamp.network for s in half.segments(sample, 1, 0, pose).values()} == {0}
+    half.network_number = deployed.exported.network_number
+    assert half.network_number == 0x0123  # the fixture's weights_hash
+    assert {decode(s).stamp.network for s in half.segments(sample, 1, 0, pose).values()} == {0x0123}
+    theirs = RoadsideHalf(to_export.network, SEGMENT_BYTES)
+    theirs.network_number = 0x0123
+    sent = theirs.segments(load_batch(collate([sample]), "cpu"), 1, 0, pose)
+    assert {decode(s).stamp.network for s in sent.values()} == {0x0123}
 
 
 def test_a_lossy_link_ends_in_torchs_boxes_too(to_export, halves, in_torch, frames):

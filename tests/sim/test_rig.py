@@ -44,16 +44,18 @@ def frame(world, rig):
     return capture(world, rig, KEY, "0000/000")
 
 
-def distance_to_triangles(points, vertices, faces):
-    """Distance of every point (P, 3) to the nearest plane of a triangle it projects into (inf if none)."""
-    a, b, c = (vertices[faces[:, i]].astype(float) for i in range(3))
-    normal = np.cross(b - a, c - a)
-    area2 = np.linalg.norm(normal, axis=1)
-    ok = area2 > 1e-12
-    a, b, c, normal, area2 = a[ok], b[ok], c[ok], normal[ok], area2[ok]
-    unit = normal / area2[:, None]
+def distance_to_triangles(points, vertices, faces, within=0.05):
+    """Distance of every point (P, 3) to the nearest plane of a triangle it projects into; inf if there is none in
+    whose bounding box, widened by ``within``, the point lies."""
+    corners = vertices[faces].astype(float)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas2 = np.linalg.norm(normals, axis=1)
+    low, high = corners.min(1) - within, corners.max(1) + within
     best = np.full(len(points), np.inf)
     for i, p in enumerate(points):
+        near = ((low <= p) & (p <= high)).all(1) & (areas2 > 1e-12)
+        a, b, c = corners[near].swapaxes(0, 1)
+        unit = normals[near] / areas2[near, None]
         height = ((p - a) * unit).sum(1)
         foot = p - height[:, None] * unit
         inside = np.ones(len(a), bool)

@@ -7,6 +7,7 @@ import torch
 
 from pcdet_avp.engine.checkpoint import furthest_first, save, weights_hash
 from pcdet_avp.errors import CheckpointError
+from pcdet_avp.models.weights.agreement import MEANING_KEY
 from pcdet_avp.models.weights.checkpoint_file import THRESHOLDS_KEY, read_checkpoint
 
 
@@ -41,3 +42,38 @@ def test_a_network_without_boxes_needs_no_thresholds(load_tool, monkeypatch, tra
     save(tmp_path / "full.pth", content | {"config": config})
     publish(load_tool, monkeypatch, tmp_path / "full.pth", tmp_path / "out.pth")
     assert THRESHOLDS_KEY not in read_checkpoint(tmp_path / "out.pth")
+
+
+@pytest.mark.parametrize("suffix", [".pth", ".safetensors"])
+def test_no_path_and_no_name_of_this_machine_travels_with_the_weights(load_tool, monkeypatch, tmp_path, suffix):
+    """By hand: every kind of text that a configuration may hold, and what becomes of it; then the file's own bytes."""
+    home, host = "/home/somebody", "somebodys-host"
+    config = {
+        "DATA_CONFIG": {"DATA_PATH": str(tmp_path / "my_data"), "GENERATE": {"PLAN": f"{home}/sites/site.yaml"}},
+        "MODEL": {
+            "NAME": "AvpCp",
+            "CAMERA_ENCODER": {"IMAGE_BACKBONE": {"PRETRAINED": "~/resnet.pth", "STEM": 8}},
+            "OTHERS": [r"C:\Users\me\prior.npz", "../../me/prior.npy", ["cfgs/plans/loop.yaml", "CL+none", "", 0.5]],
+        },
+    }
+    kept = dict.fromkeys(("version", "config_name", "config_hash"), "1") | {"epoch": 1, "it": 2, "elapsed_s": 3.0}
+    kept |= {"model_state": {"w": torch.zeros(2)}, "versions": {"torch": "2"}, THRESHOLDS_KEY: {"Car": 0.5}}
+    dropped = {"command": f"{sys.executable} {tmp_path}/train.py", "machine": host, "optimizer_state": {}}
+    save(tmp_path / "full.pth", kept | dropped | {"config": config, MEANING_KEY: {"MODEL.PRIOR": f"{home}/prior.npz"}})
+    monkeypatch.chdir(tmp_path)
+    publish(load_tool, monkeypatch, "full.pth", f"out{suffix}")
+    published = read_checkpoint(tmp_path / f"out{suffix}")
+    assert published["config"] == {
+        "DATA_CONFIG": {"DATA_PATH": "my_data", "GENERATE": {"PLAN": "site.yaml"}},
+        "MODEL": {
+            "NAME": "AvpCp",
+            "CAMERA_ENCODER": {"IMAGE_BACKBONE": {"PRETRAINED": "resnet.pth", "STEM": 8}},
+            "OTHERS": ["prior.npz", "prior.npy", ["cfgs/plans/loop.yaml", "CL+none", "", 0.5]],
+        },
+    }
+    assert published[MEANING_KEY] == {"MODEL.PRIOR": "prior.npz"}
+    assert not set(dropped) & set(published)
+    written = (tmp_path / f"out{suffix}").read_bytes()
+    assert b"my_data" in written
+    for name in (home, str(tmp_path), host, "Users"):
+        assert name.encode() not in written, name

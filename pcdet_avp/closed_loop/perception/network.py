@@ -31,7 +31,7 @@ from pcdet_avp.models.export.opened import open_deployed
 from pcdet_avp.models.precision import SLOW_BF16, emulates_bf16
 from pcdet_avp.models.weights.checkpoint_file import THRESHOLDS_KEY, read_checkpoint
 from pcdet_avp.structures.frame import Frame
-from pcdet_avp.structures.roadside_unit import SECTION, MountedUnit, mounted_units
+from pcdet_avp.structures.roadside_unit import SECTION, MountedUnit, last_number, mounted_units
 from pcdet_avp.structures.sensor_set import SensorSet, modality_of
 
 logger = logging.getLogger(__name__)
@@ -96,7 +96,8 @@ def untrained(cfg: Mapping, seed: int = 0) -> DrivingNetwork:
     torch.manual_seed(seed)
     network = build_network(cfg["MODEL"], len(cfg["CLASS_NAMES"]), network_input).eval().requires_grad_(False)
     facts = {"checkpoint": None, "iterations": 0, "weights_hash": weights_hash(network.state_dict())}
-    units = mounted_units(cfg["DATA_CONFIG"].get("ROADSIDE_UNITS"))
+    units, grid = mounted_units(cfg["DATA_CONFIG"].get("ROADSIDE_UNITS")), network_input.prepare_config.grid
+    network.codec.check_size(grid.height, grid.width, last_number(units))
     sensors, rows = cfg["DATA_CONFIG"]["SENSORS"], _first_rows(cfg)
     return DrivingNetwork(network, network_input, sensors, facts, units=units, first_rows=rows)
 

@@ -14,7 +14,7 @@ from pcdet_avp.datasets.avp.manifest import MANIFEST_FILE, Manifest
 from pcdet_avp.errors import RecordError
 
 PARTS = ("SENSORS", "GENERATE")  # of DATA_CONFIG: what the generator makes data from
-SEED = "GENERATE.SEED"
+SEED, PLAN = "GENERATE.SEED", "GENERATE.PLAN"
 BESIDE = ("GENERATE.SCENES", "GENERATE.SPLIT", "GENERATE.SOURCES")  # which of the scenes and sensors, not what they are
 
 
@@ -31,8 +31,15 @@ def check_made_by(manifest: Manifest, dataset_cfg: Mapping, root: Path) -> None:
 
 def describes(dataset_cfg: Mapping, manifest: Manifest) -> bool:
     """Whether GENERATE of a configuration makes the scenes of a data set; how many, their splits and which sensors are
-    captured may differ."""
-    return all(key.startswith(BESIDE) for key, _, _ in _unlike(manifest, dataset_cfg, ("GENERATE",)))
+    captured may differ. Published weights know of a plan no more than its file's name."""
+    return all(
+        key.startswith(BESIDE) or (key == PLAN and _one_is_the_others_name(found, said))
+        for key, found, said in _unlike(manifest, dataset_cfg, ("GENERATE",))
+    )
+
+
+def _one_is_the_others_name(found: Any, said: Any) -> bool:
+    return isinstance(found, str) and isinstance(said, str) and (Path(found).name == said or Path(said).name == found)
 
 
 def _unlike(manifest: Manifest, dataset_cfg: Mapping, parts: tuple[str, ...]) -> list[tuple[str, Any, Any]]:

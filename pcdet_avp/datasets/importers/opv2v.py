@@ -21,6 +21,7 @@ project_world_objects), pcd_utils.py.
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -76,7 +77,9 @@ class AgentFolder:
 
     @classmethod
     def open(cls, folder: Path) -> AgentFolder:
-        names = sorted((p.stem for p in folder.glob("*.yaml") if "additional" not in p.stem), key=by_number)
+        names = sorted(p.stem for p in folder.glob("*.yaml") if "additional" not in p.stem)
+        names.sort(key=by_number)
+        _check_distinct(folder, names, "frame")
         has = {kind: some_exist(folder / kind.format(name) for name in names) for kind in (CLOUD, IMAGE)}
         return cls(folder, tuple(names), has[IMAGE], has[CLOUD])
 
@@ -99,7 +102,9 @@ class Opv2v:
         self.scenes: Sequence[SourceScene] = [self._scene(*found) for found in _scenarios(folder_of(src))]
 
     def _scene(self, folder: Path, split: str | None) -> SourceScene:
-        agents = [AgentFolder.open(each) for each in _agent_folders(folder)]
+        found = _agent_folders(folder)
+        _check_distinct(folder, sorted((each.name for each in found), key=int), "agent")
+        agents = [AgentFolder.open(each) for each in found]
         vehicles = [a for a in agents if not a.folder.name.startswith("-")]
         if not vehicles:
             raise RecordError(f"{folder}: no vehicle: the folder of a vehicle is named by a number from 0 on")
@@ -189,7 +194,18 @@ def _scenarios(src: Path) -> list[tuple[Path, str | None]]:
 
 def _agent_folders(scenario: Path) -> list[Path]:
     """In the order of their names, as OpenCOOD has them."""
-    return [p for p in subfolders(scenario) if p.name.lstrip("-").isdecimal() and next(p.glob("*.yaml"), None)]
+    return [p for p in subfolders(scenario) if _is_whole_number(p.name) and next(p.glob("*.yaml"), None)]
+
+
+def _is_whole_number(name: str) -> bool:
+    return re.fullmatch(r"-?\d+", name) is not None
+
+
+def _check_distinct(folder: Path, names: Sequence[str], what: str) -> None:
+    """RecordError where two names in a row are one number, written with and without zeros before it."""
+    for one, other in pairwise(names):
+        if by_number(one) == by_number(other):
+            raise RecordError(f"{folder}: expected one {what} of each number, found {one} and {other}")
 
 
 def _metadata(file: Path) -> Field:
@@ -217,6 +233,6 @@ def _box(entry: Field) -> np.ndarray | None:
 def _number(entry: Field) -> int:
     """The id that a vehicle is listed under."""
     key = entry.name.rpartition(".")[2]
-    if not key.lstrip("-").isdecimal():
+    if not _is_whole_number(key):
         raise entry.error(f"expected a whole number as a vehicle's id, found {key!r}")
     return int(key)

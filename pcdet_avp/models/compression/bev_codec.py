@@ -55,8 +55,12 @@ class BevCodec(nn.Module):
             {modality_of(source): self.map_codec(model_cfg, channels) for source in INFRA_SOURCES}
         )
         self.map_size = MapSize.from_config(model_cfg)
+
+    def check_size(self, height: int, width: int, sender: int = 0) -> None:
+        """ConfigError where not even an empty map of a BEV grid of so many rows and columns fits MAX_BYTES, sent by the
+        roadside unit of this number."""
         for codec in self.codecs.values():
-            codec.check(self.map_size)
+            codec.check(self.map_size, height, width, sender)
 
     def codec_of(self, source: str) -> nn.Module:
         """The codec of a roadside source's modality."""

@@ -41,7 +41,7 @@ def build_modules(model_cfg: Any, num_class: int, dataset: Any) -> dict[str, nn.
     )
     return {
         "encoders": build_encoders(cfg, channels, dataset),
-        "codec": build_codec(cfg, channels),
+        "codec": build_codec(cfg, channels, grid),
         "warp": WarpToEgo(grid),
         "fuser": named(FUSERS, cfg, "FUSER")(cfg.FUSER),
         "backbone_2d": backbone,
@@ -84,6 +84,8 @@ def build_encoder(modality: str, cfg: Any, channels: int, dataset: Any) -> nn.Mo
     return LidarEncoder(require(cfg, "LIDAR_ENCODER", dict), channels, dataset)
 
 
-def build_codec(cfg: Any, channels: int) -> nn.Module:
-    """The trained half of the compression."""
-    return named(COMPRESSION, cfg, "COMPRESSION")(cfg.COMPRESSION, channels)
+def build_codec(cfg: Any, channels: int, grid: BevGrid) -> nn.Module:
+    """The trained half of the compression; ConfigError where no map of this grid fits its limit on bytes."""
+    codec = named(COMPRESSION, cfg, "COMPRESSION")(cfg.COMPRESSION, channels)
+    codec.check_size(grid.height, grid.width)
+    return codec

@@ -17,6 +17,7 @@ from pcdet_avp.models.thresholds import per_class
 from pcdet_avp.models.weights.meaning import below, differences, meaning_of, some_of
 from pcdet_avp.models.weights.refusal import refusal
 from pcdet_avp.registration import RegistrationSettings
+from pcdet_avp.structures.roadside_unit import last_number, mounted_units
 
 logger = logging.getLogger(__name__)
 
@@ -37,15 +38,17 @@ def open_deployed(folder: Path, runtime: str, cfg: Mapping, threads: int | None 
         logger.warning("%s: used although %s", folder, some_of(found))
     suppression = configured_suppression(cfg["MODEL"]["POST_PROCESSING"], exported.network.class_names)
     registration = RegistrationSettings.from_config(cfg["MODEL"])
-    map_size = configured_map_size(cfg["MODEL"], exported)
+    map_size = configured_map_size(cfg, exported)
     return Deployed(exported, open_runtime(runtime, threads), suppression, registration, map_size)
 
 
-def configured_map_size(model_cfg: Mapping, exported: Exported) -> MapSize:
-    """What a configuration allows the maps on the air; ConfigError where no map of the exported network fits it."""
-    size, network = MapSize.from_config(model_cfg.get("COMPRESSION")), exported.network
+def configured_map_size(cfg: Mapping, exported: Exported) -> MapSize:
+    """What a configuration allows the maps on the air; ConfigError where no map of the exported network fits it, or
+    none of the site's last unit."""
+    size, network = MapSize.from_config(cfg["MODEL"].get("COMPRESSION")), exported.network
+    sender = last_number(mounted_units(cfg.get("DATA_CONFIG", {}).get("ROADSIDE_UNITS")))
     for precision in network.latent_precision.values():
-        size.check(network.latent_shape[0], precision)
+        size.check(network.latent_shape, precision, sender)
     return size
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import yaml
 
 from pcdet_avp.errors import ConfigError
+from pcdet_avp.yaml_loader import FiniteLoader
 
 Where = tuple[str | int, ...]  # keys and numbers that lead to a value
 
@@ -18,7 +19,7 @@ class MarkedYaml:
     def __init__(self, file: Path) -> None:
         self.file, self._lines = file, {}
         try:
-            node = yaml.compose(file.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
+            node = yaml.compose(file.read_text(encoding="utf-8"), Loader=FiniteLoader)
         except OSError as error:
             raise ConfigError(f"{file}: cannot be read ({error.strerror})") from error
         except UnicodeDecodeError as error:
@@ -30,7 +31,6 @@ class MarkedYaml:
             raise self.error(1, "nested too deeply") from error
         if node is None:
             raise self.error(1, "expected a plan, found an empty file")
-        self._inside: list[yaml.Node] = []  # the values that the one being read lies in
         self.value = self._plain(node, ())
 
     def line(self, where: Where) -> int:
@@ -51,15 +51,9 @@ class MarkedYaml:
             raise self.error(node.start_mark.line + 1, f"{text(where)}: {error}") from error
 
     def _collection(self, node: yaml.CollectionNode, where: Where) -> Any:
-        if any(node is other for other in self._inside):
-            raise self.error(node.start_mark.line + 1, f"{text(where)}: an alias of what it lies in has no end")
-        self._inside.append(node)
         if isinstance(node, yaml.MappingNode):
-            plain = self._mapping(node, where)
-        else:
-            plain = [self._plain(item, (*where, k)) for k, item in enumerate(node.value)]
-        self._inside.pop()
-        return plain
+            return self._mapping(node, where)
+        return [self._plain(item, (*where, k)) for k, item in enumerate(node.value)]
 
     def _mapping(self, node: yaml.MappingNode, where: Where) -> dict[str, Any]:
         plain: dict[str, Any] = {}

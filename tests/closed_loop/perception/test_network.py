@@ -118,3 +118,18 @@ def test_detections_of_an_exported_network_are_arrays_and_of_torch_tensors():
         assert ours.boxes.dtype == ours.scores.dtype == np.float64
         np.testing.assert_array_equal(ours.boxes, arrays["pred_boxes"])
         assert ours.scores.tolist() == [0.5, 0.25]
+
+
+def test_a_limit_on_bytes_that_the_second_unit_cannot_keep_is_refused():
+    """cp_tiny's maps: 45 B of headers, two for 1,645 empty cells; the second unit says its number in two more."""
+    cfg, unit = load_config(CFG), {"X_M": 0.0, "Y_M": 0.0, "Z_M": 5.0, "YAW_DEG": 0.0, "PITCH_DOWN_DEG": 30.0}
+    cfg.MODEL.COMPRESSION.MAX_BYTES = 47
+    for units in (None, [unit]):
+        cfg.DATA_CONFIG.ROADSIDE_UNITS = units
+        driving_network.untrained(cfg)
+    cfg.DATA_CONFIG.ROADSIDE_UNITS = [unit, unit]
+    with pytest.raises(ConfigError, match=r"MAX_BYTES: expected 49 or more, .* of roadside unit 1, found 47"):
+        driving_network.untrained(cfg)
+    cfg.MODEL.COMPRESSION.MAX_BYTES = 46
+    with pytest.raises(ConfigError, match=r"MAX_BYTES: expected 47 or more, .* of roadside unit 0, found 46"):
+        driving_network.untrained(cfg)

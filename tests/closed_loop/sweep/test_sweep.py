@@ -8,13 +8,14 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from collections import Counter
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from pool_here import PoolHere
+from waiting import LAST_S, wait_for
 
 from pcdet_avp.closed_loop.report.report import write_report
 from pcdet_avp.closed_loop.sweep import journal as journal_module
@@ -47,22 +48,6 @@ def asked(**changes) -> Sweep:
         "identity": {"oracle": {}},
     }
     return Sweep(**{**given, **changes})
-
-
-class PoolHere:
-    """No Dask: one job at a time; ``choose`` says which of those that wait is next."""
-
-    def __init__(self, function, choose):
-        self.function, self.choose, self.waiting = function, choose, []
-
-    def submit(self, job, priority=0):
-        self.waiting.append(job)
-
-    def results(self):
-        while self.waiting:
-            job = self.choose(self.waiting)
-            self.waiting.remove(job)
-            yield self.function(job)
 
 
 def run_here(monkeypatch, choose):
@@ -278,19 +263,11 @@ def lines_in(folder):
     return (folder / JOURNAL).read_bytes().count(b"\n") if (folder / JOURNAL).exists() else 0
 
 
-def wait_for(condition, process, timeout_s=400):
-    end = time.monotonic() + timeout_s
-    while not condition():
-        assert process.poll() is None, process.communicate()[0]
-        assert time.monotonic() < end, "nothing happened"
-        time.sleep(0.05)
-
-
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory):
     """``episodes.csv`` of a sweep by one worker that nobody disturbs."""
     folder = tmp_path_factory.mktemp("undisturbed")
-    printed, _ = tool(*SLOW_SWEEP, "--workers", 1, "--out", folder).communicate(timeout=1000)
+    printed, _ = tool(*SLOW_SWEEP, "--workers", 1, "--out", folder).communicate(timeout=LAST_S)
     return (folder / EPISODES).read_bytes(), printed
 
 
@@ -299,9 +276,9 @@ def test_killed_and_started_again(undisturbed, tmp_path):
     process = tool(*SLOW_SWEEP, "--out", tmp_path, start_new_session=True)
     wait_for(lambda: lines_in(tmp_path) >= 5, process)
     os.killpg(process.pid, signal.SIGKILL)
-    process.wait(timeout=30)
+    process.wait(timeout=LAST_S)
     assert not (tmp_path / EPISODES).exists()
-    printed, _ = tool(*SLOW_SWEEP, "--out", tmp_path).communicate(timeout=1000)
+    printed, _ = tool(*SLOW_SWEEP, "--out", tmp_path).communicate(timeout=LAST_S)
     assert (tmp_path / EPISODES).read_bytes() == undisturbed[0], printed
 
 
@@ -317,11 +294,11 @@ def test_a_dask_cluster_that_loses_a_worker(undisturbed, tmp_path):
     try:
         wait_for(lambda: lines_in(tmp_path) >= 5, process)
         workers[0].kill()
-        printed, _ = process.communicate(timeout=1000)
+        printed, _ = process.communicate(timeout=LAST_S)
     finally:
         for running in (process, *workers, scheduler):
             running.kill()
-            running.wait(timeout=30)
+            running.wait(timeout=LAST_S)
     assert (tmp_path / EPISODES).read_bytes() == undisturbed[0], printed
 
 

@@ -49,6 +49,24 @@ def test_opv2vs_numbers_without_zeros_before_them_are_in_order(source):
     assert times("opv2v", root) == {"98": 0.0, "99": 0.1, "100": 0.2, "101": 0.3}
 
 
+@pytest.mark.parametrize(
+    ("folder", "renamed", "told"),
+    [
+        ("0100", {"000070": "68"}, r"0100: expected one frame of each number, found 000068 and 68"),
+        ("100", {}, r"2026_01_02_03_04_05: expected one agent of each number, found 0100 and 100"),
+    ],
+)
+def test_one_number_written_in_two_ways_is_refused(source, folder, renamed, told):
+    """Frames 68 and 068, which would be no time apart; agents 100 and 0100, of which one would be the other's label."""
+    scenario = source("opv2v") / "validate" / "2026_01_02_03_04_05"
+    shutil.copytree(scenario / "100", scenario / "0100", dirs_exist_ok=True)
+    if folder == "0100":
+        shutil.rmtree(scenario / "100")
+    rename(scenario / folder, renamed)
+    with pytest.raises(RecordError, match=told):
+        open_recording("opv2v", scenario)
+
+
 def test_carlas_frames_are_in_the_order_of_the_numbers_in_their_names(source):
     root = source("carla")
     rename(root, {"412": "tick_8", "413": "tick_9", "414": "tick_10", "415": "tick_11"})

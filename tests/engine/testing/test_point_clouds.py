@@ -18,6 +18,16 @@ def test_every_kind_of_file_of_a_folder_is_found_whatever_its_case(tmp_path):
     assert [file.name for file in cloud_files(tmp_path)] == ["C.PCD", "a.bin", "b.npy", "d.ply"]
 
 
+def test_a_hidden_file_is_a_cloud_only_where_it_is_named_itself(tmp_path):
+    (tmp_path / ".a.bin").write_bytes(b"")
+    with pytest.raises(RecordError, match="expected a point cloud, or a folder with"):
+        cloud_files(tmp_path)
+    assert cloud_files(tmp_path / ".a.bin") == [tmp_path / ".a.bin"]
+    (tmp_path / ".hidden").mkdir()
+    (tmp_path / ".hidden" / "b.bin").write_bytes(b"")
+    assert cloud_files(tmp_path / ".hidden") == [tmp_path / ".hidden" / "b.bin"]
+
+
 def test_heights_are_counted_from_the_floor_afterwards(tmp_path):
     CLOUD.tofile(tmp_path / "a.bin")
     frame = CloudReading(4, None, None, 1.75).read(tmp_path / "a.bin", "a", logging.getLogger("test"))

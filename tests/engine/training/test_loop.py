@@ -8,6 +8,7 @@ import time
 
 import pytest
 import torch
+from waiting import LAST_S, wait_for
 
 from pcdet_avp.engine import checkpoint
 from pcdet_avp.engine.training.loop import CheckpointSaver, train
@@ -49,21 +50,14 @@ def _start(toy, folder):
     return process
 
 
-def _wait_for(condition, seconds=30):
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "nothing happened"
-        time.sleep(0.01)
-
-
 def _stop_in_the_middle(toy, folder, number, exit_code):
     """Start the training and stop it by a signal once it has saved something new."""
     latest = folder / checkpoint.LATEST
     before = latest.stat().st_mtime_ns if latest.exists() else 0
     process = _start(toy, folder)
-    _wait_for(lambda: latest.exists() and latest.stat().st_mtime_ns > before)
+    wait_for(lambda: latest.exists() and latest.stat().st_mtime_ns > before, process, poll_s=0.01)
     os.kill(process.pid, number)
-    process.join(30)
+    process.join(LAST_S)
     assert process.exitcode == exit_code
     assert not (folder / LAST).exists()
 
@@ -74,7 +68,7 @@ def test_a_run_killed_then_interrupted_ends_with_the_weights_of_one_that_never_s
     folder = tmp_path / "b"
     _stop_in_the_middle(toy, folder, signal.SIGKILL, -signal.SIGKILL)
     _stop_in_the_middle(toy, folder, signal.SIGINT, 130)
-    _start(toy, folder).join(30)
+    _start(toy, folder).join(LAST_S)
     assert len(list(folder.glob("began_at_*"))) == 3
     resumed = read_checkpoint(folder / LAST)["model_state"]
     assert all(torch.equal(resumed[key], value) for key, value in straight.model.state_dict().items())

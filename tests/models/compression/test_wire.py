@@ -88,8 +88,9 @@ def test_a_budget_makes_the_limit_tighter_and_never_wider():
 
 
 def test_limits_that_no_map_can_keep_are_refused_before_there_is_one():
-    with pytest.raises(ConfigError, match=r"MAX_BYTES: expected 56 or more, the headers of an int8 map of 4 channels"):
-        BevCodec({**LIMITED, "MAX_BYTES": 55, "CONSTANT_SIZE": True}, channels=32)
+    tight = BevCodec({**LIMITED, "MAX_BYTES": 55, "CONSTANT_SIZE": True}, channels=32)
+    with pytest.raises(ConfigError, match=r"MAX_BYTES: expected 56 or more, an empty int8 map of 4 x 3 x 2 of"):
+        tight.check_size(6, 4)
     with pytest.raises(ConfigError, match=r"CONSTANT_SIZE: expected MAX_BYTES beside it"):
         BevCodec({"CONSTANT_SIZE": True}, channels=32)
     with pytest.raises(ConfigError, match=r"CONSTANT_SIZE: expected MAX_BYTES of 100 or less, .*found 120"):

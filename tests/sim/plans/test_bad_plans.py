@@ -88,8 +88,10 @@ def test_what_is_no_yaml(tmp_path):
 
 
 def test_an_alias_of_what_it_lies_in(tmp_path):
-    for loop in ("    rows: &r [*r]\n", "    rows:\n      - &r {road: main, side: *r}\n"):
-        with pytest.raises(ConfigError, match=r"plan\.yaml: line \d+: floors\[0\]\.rows.*alias .* has no end"):
+    loops = {"    rows: &r [*r]\n": 8, "    rows:\n      - &r {road: main, side: *r}\n": 9}
+    for loop, line in loops.items():
+        told = rf"plan\.yaml: line {line}: alias \*r of what it lies in has no end"
+        with pytest.raises(ConfigError, match=told):
             read_plan(written(tmp_path, more=loop))
 
 
