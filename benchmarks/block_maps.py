@@ -30,7 +30,7 @@ from pcdet_avp.evaluation.benchmark_table import markdown_table
 from pcdet_avp.link import MapStamp, decode, encode, rate_control
 from pcdet_avp.link.map_size import MapSize
 from pcdet_avp.link.rate_control import ranks_by_length
-from pcdet_avp.link.segment import overhead_bytes, padding_overhead_bytes, unseal
+from pcdet_avp.link.segment import PADDED, overhead_bytes, padding_overhead_bytes, unseal
 from pcdet_avp.structures.sensor_set import modality_of
 
 WHOLE, INT8, MODALITIES = 60_000, "int8", ("camera", "lidar")
@@ -97,7 +97,7 @@ def packed(latent: np.ndarray, max_bytes: int) -> list[float]:
     (payload,) = MapSize(max_bytes, constant=True).pack(latent, STAMP, max_bytes, INT8)
     spent_ms, rate_control.encode = 1e3 * (time.process_time() - before), encode
     (header, body), occupied = unseal(payload), decode([payload]).values.any(0)
-    headers = overhead_bytes(header.format, padded=True)
+    headers = overhead_bytes(header.format, PADDED)
     mask = len(unseal(encode(occupied[None].astype(np.float32), STAMP, WHOLE, INT8)[0])[1])
     parts = [headers, mask, len(body) - mask, max_bytes - headers - len(body)]
     return [*parts, int(occupied.sum()), len(encodings), spent_ms]

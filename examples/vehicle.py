@@ -6,6 +6,8 @@
 ``examples/real_time.py`` starts both and measures them. ``--drop 0.1`` throws away a tenth of the segments, as a bad
 radio would. The vehicle's own sensors are the recording that the roadside replays, too; the clocks must agree, as on
 one machine. Any --runtime understands any other's maps.
+Maps of another network are not used, and the vehicle says so: only their own network can read them. ``--any_network``
+takes them all the same, as where only a head was trained further.
 All roadside units that send here are used, each as long as its maps are young; ``--unit 0 2`` uses only those two. A
 unit that falls silent is done without, and used again once it is back.
 """
@@ -49,6 +51,7 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--vehicle", choices=("C", "CL"), default="CL", help="the vehicle's own sensors")
     parser.add_argument("--unit", type=non_negative_int, nargs="+", metavar="N", help="units to use (default: all)")
     parser.add_argument("--drop", type=share, default=0.0, help="share of the segments that is thrown away")
+    parser.add_argument("--any_network", action="store_true", help="use maps that another network made, too")
     parser.add_argument("--max_age", type=non_negative_float, default=1.0, help="older maps are unused (s, default: 1)")
     parser.add_argument("--split", default="test")
     parser.add_argument("--frames", type=positive_int, default=8, help="length of the recording, as the roadside's")
@@ -135,7 +138,9 @@ class Drive:
 
     def __init__(self, half: Vehicle, frames: list[tuple[dict, Frame]], report: RealTimeReport, args) -> None:
         self._half, self._frames, self._args, self.figures = half, frames, args, report
-        self.receiver, self._rng = Receiver(half.shape, int(1e6 * args.max_age)), np.random.default_rng(0)
+        own = 0 if args.any_network else half.network_number
+        self.receiver, self._rng = Receiver(half.shape, int(1e6 * args.max_age), own), np.random.default_rng(0)
+        self._told_of: set[int] = set()  # units whose foreign maps were reported
         self._until_s: float | None = None
         self._heard_s, self._last_frame = time.monotonic(), -1
         self.whole = self.second = Report()
@@ -155,6 +160,9 @@ class Drive:
             for payload in payloads:
                 if self._rng.random() >= self._args.drop:
                     self.receiver.push(payload)
+        for sender in self.receiver.foreign.keys() - self._told_of:
+            self._told_of.add(sender)
+            print(f"unit {sender}: {self._of_another_network(sender)}", flush=True)
 
     def look(self) -> None:
         """Detect, where there is a new map, or none that is young enough."""
@@ -200,7 +208,13 @@ class Drive:
         if self.receiver.counts["accepted"] and self._until_s is None:
             too_old = f"older than --max_age {self._args.max_age:g} s once they were there"
             return f"{self.fates()}, but {too_old}"
+        if self.receiver.foreign:
+            return f"{self.fates()}: {self._of_another_network(min(self.receiver.foreign))}"
         return f"{self.fates()}; is roadside_unit.py running, with this address and configuration?"
+
+    def _of_another_network(self, sender: int) -> str:
+        theirs, own = self.receiver.foreign[sender], self._half.network_number
+        return f"its maps are of network {theirs:08x}, this vehicle's is {own:08x}: not used (see --any_network)"
 
     def fates(self) -> str:
         """What became of the segments."""

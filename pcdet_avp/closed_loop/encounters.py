@@ -13,8 +13,8 @@ from pcdet_avp.sim.scenarios.scenario import Scenario
 from pcdet_avp.sim.world import EGO_SPEC, World
 from pcdet_avp.structures.ego import BUMPER_X_M
 
-STANDS_BELOW_MPS = 0.1  # a slower car counts as standing: contact with it is no crash
-NEAR_M = 3.0  # nobody farther away is met within a tick
+STANDS_BELOW_MPS = 0.1  # a slower ego counts as standing: a pedestrian who touches it is no crash
+NEAR_M = 3.0  # who is farther away than this and than both can come in a tick is not met in it
 
 
 class Encounters:
@@ -30,7 +30,7 @@ class Encounters:
         self.impact_speed_mps = 0.0
 
     def threats(self) -> list[Actor]:
-        """Those who come into the ego's way and have not touched it."""
+        """Those who come into the ego's way and have not touched it while it moved."""
         numbers = [threat.object_id for threat in self._scenario.threats]
         return [self._world.actor(number) for number in numbers if number not in self._touched]
 
@@ -52,12 +52,14 @@ class Encounters:
     def resolve(self, ride: Drive, start_s: float) -> tuple[LongitudinalState, np.ndarray, np.ndarray]:
         """Let the ego meet whom it meets during a ride that begins at ``start_s``.
 
-        Returns its state at the end or crash; and for the N threats that it had not touched before, at the start,
+        Returns its state at the end or crash; and for the N threats of ``threats``, at the start,
         distances (N,) in m and times to collision (N,) in s, infinite where motion goes on without one.
         """
         threats = self.threats()
         distances, times = self._surroundings(ride, start_s, threats)
-        near = [actor for actor, distance in zip(threats, distances, strict=True) if distance < NEAR_M]
+        near = [
+            actor for actor, distance in zip(threats, distances, strict=True) if distance < _reach(ride, start_s, actor)
+        ]
         return self._state_after(ride, start_s, near), distances, times
 
     def _surroundings(self, ride: Drive, start_s: float, threats: Sequence[Actor]) -> tuple[np.ndarray, np.ndarray]:
@@ -81,15 +83,21 @@ class Encounters:
 
     def _meet(self, contact: Contact, actor: Actor, speed: float) -> None:
         """Any contact with a vehicle ends the drive. With a pedestrian it counts while the ego moves, and only
-        one at the front ends the drive.
+        one at the front ends the drive. Who touches a standing ego is looked at again: it may set off while they touch.
         """
-        self._touched.add(actor.object_id)
         vehicle = actor.name == "Car"
         if not vehicle and speed < STANDS_BELOW_MPS:
             return
+        self._touched.add(actor.object_id)
         self.crashed = vehicle or contact.front
         if self.crashed or self.contact is None:
             self.contact, self.met, self.impact_speed_mps = contact, actor.object_id, speed
+
+
+def _reach(ride: Drive, start_s: float, actor: Actor) -> float:
+    """m, the most by which the ego and a road user can come nearer during a ride, and ``NEAR_M`` for their turning."""
+    before, after = (actor.trajectory.at(start_s + time_s).distance for time_s in ride.times[[0, -1]])
+    return NEAR_M + float(ride.positions[-1] - ride.positions[0]) + after - before
 
 
 def _direction(yaw: float) -> np.ndarray:

@@ -38,8 +38,8 @@ class EpisodeFigures:
 
 @dataclass(frozen=True, eq=False)
 class EpisodeLog:
-    """T ticks of an episode: times (s), the ego's centre x (m, world), speed, acceleration, and the target speed in
-    force from that tick on (m/s), each (T,).
+    """T ticks of an episode: times (s), the way of the ego's centre (m; world x on the lane, distance along a path: see
+    ``Scenario``), speed, acceleration, and the target speed in force from that tick on (m/s), each (T,).
 
     ``perceived`` holds a tick's detections (None while perception sleeps), or is empty if they were not asked for.
     """

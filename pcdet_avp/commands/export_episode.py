@@ -32,7 +32,9 @@ ALL_SENSORS = "CL+CL"
 def parse_arguments() -> argparse.Namespace:
     parser = config_parser("One episode for other tools.", default="cfgs/avp/cp_full.yaml", weights=True)
     parser.add_argument("--scenario", required=True, metavar="S", help=f"{', '.join(SCENARIOS)}, or module:name")
-    parser.add_argument("--plan", type=path_text, metavar="FILE", help="find the scenario's sites in a garage's plan")
+    parser.add_argument(
+        "--plan", type=path_text, metavar="FILE", help="find the scenario's sites on the first floor of a plan"
+    )
     parser.add_argument("--perception", required=True, metavar="P", help=f"{', '.join(PERCEPTIONS)}, or module:name")
     parser.add_argument("--fault", choices=FAULTS, metavar="F", help=f"a single fault: {', '.join(FAULTS)}")
     parser.add_argument("--combo", help=f"sensor combination (default: {ALL_SENSORS})")

@@ -88,7 +88,7 @@ def main() -> None:
 
 def drive_members(args, study: Study, sight: Sight, kept: list[Placement], out: Path) -> Speeds:
     """Safe speeds of the empty placement and some of the front: whole, and with the worst sensor dead."""
-    scenarios, members = scenarios_of(study.plan), spread(kept, args.members)
+    scenarios, members = scenarios_of(study.plan, study.floor), spread(kept, args.members)
     crews = {}
     for k, member in enumerate(members):
         crews[k, "all"] = sight.units(member.options)
@@ -101,7 +101,7 @@ def drive_members(args, study: Study, sight: Sight, kept: list[Placement], out: 
 
 def _jobs(args, study: Study, scenarios: tuple[str, ...], name: str, units: tuple[MountedUnit, ...]) -> list[SpeedJob]:
     """All trials of one placement."""
-    how = study.settings.sensors, study.settings.vehicle, tuple(args.speeds)
+    how = study.settings.sensors, study.settings.vehicle, tuple(args.speeds), study.floor
     trials = range(args.trials)
     return [SpeedJob(study.plan, kind, args.seed, trial, name, units, *how) for kind in scenarios for trial in trials]
 

@@ -41,7 +41,9 @@ SPEEDS_MPS = (3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0)
 def parse_arguments() -> argparse.Namespace:
     parser = config_parser("Closed-loop safety.", default="cfgs/avp/cp_full.yaml", weights=True)
     parser.add_argument("--scenario", required=True, metavar="S", help=f"{', '.join(SCENARIOS)}, or module:name")
-    parser.add_argument("--plan", type=path_text, metavar="FILE", help="find the scenario's sites in a garage's plan")
+    parser.add_argument(
+        "--plan", type=path_text, metavar="FILE", help="find the scenario's sites on the first floor of a plan"
+    )
     parser.add_argument("--perception", required=True, metavar="P", help=f"{', '.join(PERCEPTIONS)}, or module:name")
     parser.add_argument("--fault", choices=FAULTS, metavar="F", help=f"a single fault: {', '.join(FAULTS)}")
     parser.add_argument("--ckpt", type=path_text, help=f"for --perception model: {CKPT_HELP}")

@@ -110,6 +110,7 @@ class RoadsideHalf:
     ) -> None:
         """``map_size``: what a map may take, in place of what was exported."""
         self.stages: Stages = untimed  # what each stage's work runs in
+        self.network_number = 0  # what its maps say of the network that made them; 0: nothing
         self._network, self._graphs = exported.network, Graphs(exported, runtime, "roadside")
         self._encoders = Encoders(self._graphs, self._network, "infra")
         self._max_segment_bytes, self._size = max_segment_bytes, map_size or self._network.map_size
@@ -143,7 +144,8 @@ class RoadsideHalf:
         """
         packed = {}
         for source, latent in self.latents(sample).items():
-            stamp = MapStamp.at_pose(frame_id, time_us, modality_of(source), world_from_infra, sender)
+            origin = sender, self.network_number
+            stamp = MapStamp.at_pose(frame_id, time_us, modality_of(source), world_from_infra, *origin)
             with self.stages("pack"):
                 packed[source] = self.pack(latent, stamp)
         return packed

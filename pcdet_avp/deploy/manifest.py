@@ -11,6 +11,7 @@ from typing import Any
 
 from pcdet_avp.deploy.network import Network
 from pcdet_avp.errors import ExportError
+from pcdet_avp.link.header import network_number
 
 MANIFEST = "manifest.json"
 FORMAT = 1  # raised whenever files or their inputs change their meaning
@@ -40,6 +41,15 @@ class Exported:
             return cls(Path(folder), network, dict(content["meaning"]), dict(content["files"]), content)
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise ExportError(f"{path}: damaged, or written by another version ({error})") from error
+
+    @property
+    def network_number(self) -> int:
+        """That of the weights which were exported; 0 where the manifest does not name them."""
+        found = self.facts.get("weights_hash")
+        try:
+            return 0 if found is None else network_number(found)
+        except (TypeError, ValueError) as error:
+            raise ExportError(f"{self.folder / MANIFEST}: weights_hash: expected 16 digits, found {found!r}") from error
 
     def graph(self, name: str) -> bytes:
         """The content of ``roadside/camera.onnx`` and the like; ExportError where it is not what was exported."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from pcdet_avp.deploy.runtime import TORCH
 from pcdet_avp.errors import ConfigError
-from pcdet_avp.link import LatentMap
+from pcdet_avp.link import LatentMap, network_number
 from pcdet_avp.models.export.opened import open_deployed
 from pcdet_avp.structures.pose import Pose
 from pcdet_avp.structures.stage_times import Stages, untimed
@@ -24,7 +24,9 @@ logger = logging.getLogger(__name__)
 
 
 class Roadside(Protocol):
-    """Sensors to segments."""
+    """Sensors to segments. ``network_number`` is what its maps say of the network that made them (see ``MapStamp``)."""
+
+    network_number: int
 
     def segments(
         self, sample: Sample, frame_id: int, time_us: int, world_from_infra: Pose, sender: int = 0
@@ -34,9 +36,13 @@ class Roadside(Protocol):
 
 
 class Vehicle(Protocol):
-    """Sensors and received maps to boxes. ``shape`` (c, h, w) is that of a map on the air."""
+    """Sensors and received maps to boxes.
+
+    ``shape`` (c, h, w) is that of a map on the air, ``network_number`` that of the network whose maps it can read.
+    """
 
     shape: tuple[int, int, int]
+    network_number: int
 
     def detect(self, sample: Sample, world_from_ego: Pose, maps: Collection[LatentMap]) -> dict[str, np.ndarray]:
         """pred_boxes (n, 7), pred_scores (n,), pred_labels (n,) in the ego frame."""
@@ -48,26 +54,29 @@ def open_roadside(
 ) -> Roadside:
     """The roadside's half for ``--runtime`` with ``--ckpt`` or ``--exported``; its stages' work runs in ``stages``."""
     if args.runtime != TORCH:
-        half = open_deployed(args.exported, args.runtime, cfg).roadside(max_segment_bytes, budget_bytes)
-        half.stages = stages
+        deployed = open_deployed(args.exported, args.runtime, cfg)
+        half = deployed.roadside(max_segment_bytes, budget_bytes)
+        half.stages, half.network_number = stages, deployed.exported.network_number
         return half
-    return _RoadsideInTorch(_network(args, cfg, stages), max_segment_bytes, budget_bytes)
+    return _RoadsideInTorch(*_network(args, cfg, stages), max_segment_bytes, budget_bytes)
 
 
 def open_vehicle(args: argparse.Namespace, cfg: Mapping, stages: Stages = untimed) -> Vehicle:
     """The vehicle's half for ``--runtime`` with ``--ckpt`` or ``--exported``; its stages' work runs in ``stages``."""
     if args.runtime != TORCH:
-        half = open_deployed(args.exported, args.runtime, cfg).vehicle()
-        half.stages = stages
+        deployed = open_deployed(args.exported, args.runtime, cfg)
+        half = deployed.vehicle()
+        half.stages, half.network_number = stages, deployed.exported.network_number
         return half
-    return _VehicleInTorch(_network(args, cfg, stages))
+    return _VehicleInTorch(*_network(args, cfg, stages))
 
 
 class _RoadsideInTorch:
-    def __init__(self, model: Any, max_segment_bytes: int, budget_bytes: int) -> None:
+    def __init__(self, model: Any, network_number: int, max_segment_bytes: int, budget_bytes: int) -> None:
         from pcdet_avp.models.detectors.split_inference import RoadsideHalf
 
         self._half = RoadsideHalf(model, max_segment_bytes, budget_bytes)
+        self._half.network_number = self.network_number = network_number
 
     def segments(
         self, sample: Sample, frame_id: int, time_us: int, world_from_infra: Pose, sender: int = 0
@@ -76,11 +85,11 @@ class _RoadsideInTorch:
 
 
 class _VehicleInTorch:
-    def __init__(self, model: Any) -> None:
+    def __init__(self, model: Any, network_number: int) -> None:
         from pcdet_avp.models.detectors.split_inference import VehicleHalf
 
         self._half = VehicleHalf(model)
-        self.shape = self._half.shape
+        self.shape, self.network_number = self._half.shape, network_number
 
     def detect(self, sample: Sample, world_from_ego: Pose, maps: Collection[LatentMap]) -> dict[str, np.ndarray]:
         found = self._half.detect(_batch_of(sample), world_from_ego, maps)
@@ -94,15 +103,16 @@ def _batch_of(sample: Sample) -> dict:
     return load_batch(collate([dict(sample)]), "cpu")
 
 
-def _network(args: argparse.Namespace, cfg: Mapping, stages: Stages) -> Any:
-    """The network in torch, with the weights of ``--ckpt``."""
+def _network(args: argparse.Namespace, cfg: Mapping, stages: Stages) -> tuple[Any, int]:
+    """The network in torch, with the weights of ``--ckpt``, and its number."""
     if args.ckpt is None:
         raise ConfigError(f"--runtime {TORCH} needs --ckpt FILE")
     from pcdet_avp.datasets.avp.network_input import NetworkInput
     from pcdet_avp.engine import distributed
     from pcdet_avp.engine.testing.run import load_network
+    from pcdet_avp.models.weights.weights_hash import weights_hash
 
     network_input = NetworkInput.from_config(cfg["DATA_CONFIG"], cfg["CLASS_NAMES"])
-    network = load_network(cfg, args.ckpt, network_input, distributed.start(device="cpu"), logger)[0]
+    network, content = load_network(cfg, args.ckpt, network_input, distributed.start(device="cpu"), logger)
     network.stages = stages
-    return network
+    return network, network_number(weights_hash(content["model_state"]))

@@ -5,7 +5,7 @@ between. numpy and numba only; nothing here imports torch.
 """
 
 from pcdet_avp.link.channel import Delivery, IdealChannel, NrV2xChannel
-from pcdet_avp.link.header import MapStamp
+from pcdet_avp.link.header import MapStamp, network_number
 from pcdet_avp.link.loss import LossModel
 from pcdet_avp.link.map_size import MapSize
 from pcdet_avp.link.nr_v2x import NrV2xConfig
@@ -29,5 +29,6 @@ __all__ = [
     "encode_constant",
     "encode_within",
     "int8_exponents",
+    "network_number",
     "rounded",
 ]

@@ -19,11 +19,12 @@ MAX_ROUNDING_M = 0.01  # of x and y as float32, which has steps of 8 mm from 65 
 
 @dataclass(frozen=True)
 class MapStamp:
-    """Which capture a map shows: frame id, time in microseconds, modality, the planar pose world_from_agent, sender.
+    """Which capture a map shows: frame id, time in microseconds, modality, the planar pose world_from_agent, sender,
+    network.
 
     The pose travels, and is kept here, as float32: metres, metres, radians; PacketError where that would move it by
-    more than a centimetre. ``sender`` is the number of the roadside
-    unit at its site, 0 to 65535; a site's only unit is number 0.
+    more than a centimetre. ``sender`` is the number of the roadside unit at its site, 0 to 65535; a site's only unit is
+    number 0. ``network`` is the number of the network that made the map (see ``network_number``), 0: not said.
     """
 
     frame_id: int
@@ -33,6 +34,7 @@ class MapStamp:
     y_m: float
     yaw_rad: float
     sender: int = 0
+    network: int = 0
 
     def __post_init__(self) -> None:
         if self.modality not in MODALITIES:
@@ -41,6 +43,8 @@ class MapStamp:
             raise PacketError(f"frame id {self.frame_id} or time {self.time_us} us is outside 32 or 64 bits")
         if not 0 <= self.sender < MAX_SENDERS:
             raise PacketError(f"sender: expected a unit's number from 0 to {MAX_SENDERS - 1}, found {self.sender}")
+        if not 0 <= self.network < 1 << 32:
+            raise PacketError(f"network: expected a number of 32 bits, found {self.network}")
         with np.errstate(over="ignore"):
             pose = [float(np.float32(getattr(self, name))) for name in ("x_m", "y_m", "yaw_rad")]
         if not np.isfinite(pose).all():
@@ -55,15 +59,26 @@ class MapStamp:
             object.__setattr__(self, name, value)
 
     @classmethod
-    def at_pose(cls, frame_id: int, time_us: int, modality: str, world_from_agent: Pose, sender: int = 0) -> MapStamp:
+    def at_pose(
+        cls, frame_id: int, time_us: int, modality: str, world_from_agent: Pose, sender: int = 0, network: int = 0
+    ) -> MapStamp:
         """The stamp of a map that was taken at a pose; height, roll and pitch are not sent."""
         x, y = world_from_agent.translation[:2]
-        return cls(frame_id, time_us, modality, float(x), float(y), world_from_agent.yaw, sender)
+        return cls(frame_id, time_us, modality, float(x), float(y), world_from_agent.yaw, sender, network)
 
     @property
     def world_from_agent(self) -> Pose:
         """The sender's pose in the plane."""
         return Pose.from_xyz_yaw(self.x_m, self.y_m, yaw=self.yaw_rad)
+
+
+def network_number(weights_hash: str) -> int:
+    """The number of the network with this hash of its weights (hexadecimal): the first 32 bits of it.
+
+    Maps are a network's own language: another one makes nonsense of them, without an error. Two networks have the same
+    number with a probability of 2e-10.
+    """
+    return int(weights_hash[:8], 16)
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from pcdet_avp.errors import PacketError
 from pcdet_avp.link.cell_coder import decode_run, encode_run, scratch
 from pcdet_avp.link.header import MapFormat, MapStamp, SegmentHeader
 from pcdet_avp.link.precision import PRECISIONS, from_codes, int8_exponents, to_codes
-from pcdet_avp.link.segment import overhead_bytes, seal, unseal
+from pcdet_avp.link.segment import overhead_bytes, seal, unseal, version_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ def encode(
     sent_exponents = () if exponents is None else tuple(int(e) for e in exponents)
     fmt = MapFormat(channels, height, width, precision, sent_exponents)
     codes = to_codes(latent, precision, exponents)
-    budget = max_segment_bytes - overhead_bytes(fmt, stamp.sender)
+    budget = max_segment_bytes - overhead_bytes(fmt, version_of(stamp.sender, stamp.network))
     return [seal(SegmentHeader(stamp, fmt, first, cells), body) for first, cells, body in _runs(codes, fmt, budget)]
 
 

@@ -60,7 +60,7 @@ def encode_constant(latent: np.ndarray, stamp: MapStamp, size_bytes: int, precis
     Of a map that is larger, as many of the longest cells as fit. ``PacketError`` where not even an empty map fits.
     """
     one_segment = MOST_ELEMENT_BYTES * latent.size + 1000
-    budget = _Budget(size_bytes, 1.0, padding_overhead_bytes(stamp.sender))
+    budget = _Budget(size_bytes, 1.0, padding_overhead_bytes(stamp.sender, stamp.network))
     (segment,) = _within(latent, stamp, one_segment, precision, budget)
     return [seal(*unseal(segment), size=size_bytes)]
 

@@ -10,7 +10,7 @@ from collections import Counter
 from typing import NamedTuple
 
 from pcdet_avp.errors import PacketError
-from pcdet_avp.link.header import MAX_ELEMENTS, SegmentHeader
+from pcdet_avp.link.header import MAX_ELEMENTS, MapStamp, SegmentHeader
 from pcdet_avp.link.packet import LatentMap, PartialMap, open_body
 from pcdet_avp.link.segment import unseal
 
@@ -91,13 +91,17 @@ class Receiver:
     anew counts frames from the beginning: see ``RESTART_US``.
     """
 
-    def __init__(self, shape: tuple[int, int, int] | None = None, max_age_us: int | None = None) -> None:
+    def __init__(
+        self, shape: tuple[int, int, int] | None = None, max_age_us: int | None = None, network: int = 0
+    ) -> None:
         """``shape`` (C, H, W): the only one to accept. ``max_age_us``: maps that are older, or that say to be captured
-        so much later than they are taken, are not given out."""
-        self._shape, self._max_age_us = shape, max_age_us
+        so much later than they are taken, are not given out. ``network``: the vehicle's, whose maps alone it can read
+        (see ``network_number``); 0 takes those of any. Maps that do not say whose they are are taken."""
+        self._shape, self._max_age_us, self._network = shape, max_age_us, network
         self._streams: dict[StreamKey, Stream] = {}  # the one heard last comes last
-        # Segments by what became of them: accepted, repeated, late, damaged.
+        # Segments by what became of them: accepted, repeated, late, damaged, foreign (of another network).
         self.counts: Counter[str] = Counter()
+        self.foreign: dict[int, int] = {}  # sender -> network, of those that send maps of another one
 
     def push(self, payload: bytes) -> bool:
         """Take a segment; whether it brought anything new."""
@@ -129,12 +133,20 @@ class Receiver:
         header, body = unseal(payload)
         if self._shape is not None and header.format.shape != tuple(self._shape):
             raise PacketError(f"segment: expected a map of shape {self._shape}, found {header.format.shape}")
+        if self._network and header.stamp.network not in (0, self._network):
+            return self._refuse(header.stamp)
         key = StreamKey(header.stamp.sender, header.stamp.modality)
         stream = self._streams.get(key) or Stream()
         fate = stream.push(header, body)
         if fate == "accepted":
             self._keep(key, stream)
         return fate
+
+    def _refuse(self, stamp: MapStamp) -> str:
+        """Note whose network it is not; of so many senders at most, whatever numbers arrive."""
+        if len(self.foreign) < HELD_STREAMS:
+            self.foreign[stamp.sender] = stamp.network
+        return "foreign"
 
     def _keep(self, key: StreamKey, stream: Stream) -> None:
         """Make this stream the last one heard; memory stays bounded, whatever sender numbers arrive."""

@@ -2,7 +2,8 @@
 
 A road user is found if a camera has so many pixels on it or a LiDAR so many returns, counted on the meshes of the world
 as it stands, the ego's own car included. Units are in the plan's frame. Pedestrians for whom the policy would not slow
-down are not looked for, which saves most of the rays and changes no drive.
+down are not looked for, which saves most of the rays. (It may matter where somebody is lost from sight within the three
+ticks for which a detection is believed, and only then begins to matter.)
 """
 
 from __future__ import annotations
@@ -71,6 +72,7 @@ class PlacedLineOfSight:
         for unit in self._units:
             pose = self._world_from_plan @ unit.world_from_unit
             if unit.lidar:
-                yield bool(sight.lidar_sees(models.lidar_of(unit), pose, outline, object_id, models.returns))
+                needed = models.returns, models.range_m
+                yield bool(sight.lidar_sees(models.lidar_of(unit), pose, outline, object_id, *needed))
             if unit.camera:
                 yield bool(sight.camera_sees(models.camera_of(unit), pose, outline, object_id, models.pixels))

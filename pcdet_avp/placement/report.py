@@ -89,10 +89,10 @@ def _unit(sight: Sight, option: Option, unit: MountedUnit) -> dict[str, Any]:
 
 
 def recommended(kept: Sequence[Placement], speeds: Speeds) -> Placement:
-    """The cheapest placement of those driven with the highest safe speed; without speeds, the first that comes within a
-    twentieth of the best coverage."""
-    if speeds:
-        fastest = max(speed for speed, _ in speeds.values())
+    """The cheapest placement of those driven with the highest safe speed; where none was driven, or all crashed at the
+    slowest speed, the first that comes within a twentieth of the best coverage."""
+    fastest = max((speed for speed, _ in speeds.values()), default=0.0)
+    if fastest > 0:
         return min((p for p in speeds if speeds[p][0] == fastest), key=lambda p: p.cost)
     best = max(p.share for p in kept)
     return next(p for p in kept if p.share >= 0.95 * best)
@@ -146,12 +146,18 @@ ABOUT = ("command", "plan_name", "seed", "git_commit", "wall_time_s")
 def _summary(content, member, speeds: Speeds, chosen: Placement) -> str:
     count = len(member["units"])
     units = f"{count} roadside unit{'s' if count != 1 else ''}"
-    drives = "" if chosen not in speeds else f" With them no drive crashed up to **{speeds[chosen][0]:g} m/s**."
+    drives = "" if chosen not in speeds else f" {_safe(speeds[chosen][0])}"
     return (
         f"In {100 * content['hidden_share']:.0f} % of the moments looked at, the driving car cannot see the road user "
         f"who might come out. {units} for {member['cost']:,.0f} euro cover **{100 * member['coverage']:.0f} %** of "
         f"these moments, {100 * member['coverage_worst_occupancy']:.0f} % in the worst occupancy.{drives}"
     )
+
+
+def _safe(speed: float) -> str:
+    if not speed:
+        return "With them a drive crashed even at the slowest speed."
+    return f"With them no drive crashed up to **{speed:g} m/s**."
 
 
 def _comparisons(content, member, speeds: Speeds, kept, chosen: Placement) -> list[Comparison]:

@@ -37,6 +37,7 @@ class SpeedJob:
     models: SensorModels
     vehicle: str
     speeds: tuple[float, ...] = SPEEDS_MPS
+    floor: str | None = None  # None: the plan's first
 
 
 @dataclass(frozen=True)
@@ -59,16 +60,17 @@ def drive_faster(job: SpeedJob) -> SpeedResult:
 
 
 def _crashes(job: SpeedJob, speed: float, eye: PlacedLineOfSight) -> bool:
-    scenario = PLAN_SCENARIOS[job.scenario](job.plan, job.scenario, job.seed, job.trial, speed)
+    draw = PLAN_SCENARIOS[job.scenario]
+    scenario = draw(job.plan, job.scenario, job.seed, job.trial, speed, floor=job.floor)
     return run_episode(scenario, eye, SensorSet.parse("C+none")).figures.crashed
 
 
-def scenarios_of(plan: str) -> tuple[str, ...]:
-    """The scenarios that a plan has a place for; ConfigError if it has none."""
+def scenarios_of(plan: str, floor: str | None = None) -> tuple[str, ...]:
+    """The scenarios that a plan's floor (None: the first) has a place for; ConfigError if it has none."""
     possible, problems = [], []
     for name, draw in PLAN_SCENARIOS.items():
         try:
-            draw(plan, name, 0, 0, SPEEDS_MPS[0])
+            draw(plan, name, 0, 0, SPEEDS_MPS[0], floor=floor)
         except ConfigError as problem:
             problems.append(str(problem))
         else:

@@ -94,8 +94,11 @@ def _keyed_drive(job: SpeedJob) -> tuple[str, SpeedResult]:
 
 
 def job_key(job: SpeedJob) -> str:
-    """What a trial's result follows from, without the placement's name."""
+    """What a trial's result follows from, without the placement's name. A floor that is not named leaves no trace, so
+    that trials from before it could be named keep their keys."""
     values = {**asdict(job), "name": "", "plan": ""}
+    if values["floor"] is None:
+        del values["floor"]
     return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:24]
 
 

@@ -26,11 +26,11 @@ from pcdet_avp.sim.plans.floor import Floor, FloorLayout, Mount
 from pcdet_avp.sim.plans.read import cached_plan
 from pcdet_avp.sim.rays.raytracer import RayTracer, TriangleScene
 from pcdet_avp.sim.scenarios.traffic import draw_parked
+from pcdet_avp.structures.lidar_scan import MAX_RANGE_M
 
 REACH_M = 45.0  # nobody is looked for from farther away
 SHORT = 0.999  # rays end a little before the body's point
-EGO_CAMERA_Z_M, EGO_HFOV = 1.8, np.pi / 2  # paper
-EGO_LIDAR_Z_M = 1.9
+EGO_CAMERA, EGO_CAMERA_Z_M = SensorModels(width=960, height=540, hfov=np.pi / 2), 1.8  # the paper's vehicle
 
 
 @dataclass(frozen=True)
@@ -131,12 +131,10 @@ def _hidden(study: Study, tracer: RayTracer) -> np.ndarray:
     eyes = np.concatenate([poses[:, :2], np.full((len(poses), 1), EGO_CAMERA_Z_M)], 1)
     share = clear_points(tracer, eyes, *_bodies(site, numbers)).mean(1)
     models = settings.sensors
-    seen = (
-        share * camera_pixels(models, eyes, poses[:, 2], 0.0, *_bodies(site, numbers), hfov=EGO_HFOV) >= models.pixels
-    )
+    seen = share * camera_pixels(EGO_CAMERA, eyes, poses[:, 2], 0.0, *_bodies(site, numbers)) >= models.pixels
     if "L" in settings.vehicle:  # all round, at nearly the camera's height: the same lines of sight
         distance = np.hypot(*(site.spots.xy[numbers] - eyes[:, :2]).T)
-        seen |= (share > 0) & (distance < models.range_m)
+        seen |= (share > 0) & (distance < MAX_RANGE_M)
     hidden = np.zeros(real.shape, bool)
     hidden[real] = ~seen
     return hidden
@@ -149,11 +147,10 @@ def camera_pixels(
     pitch_down,
     xy: np.ndarray,
     sizes: np.ndarray,
-    hfov: float | None = None,
 ) -> np.ndarray:
     """(N,) pixels that unhidden bodies at xy (N, 2), upright boards that face the camera, cover in cameras at eyes
     (N, 3); 0 where the body's middle is outside the image. yaw and pitch_down: rad, one or (N,)."""
-    focal = models.width / 2 / np.tan((hfov or models.hfov) / 2)
+    focal = models.width / 2 / np.tan(models.hfov / 2)
     ahead, left, up = _in_sensor(eyes, yaw, pitch_down, xy, sizes)
     with np.errstate(divide="ignore", invalid="ignore"):
         inside = (ahead > 0.1) & (np.abs(left / ahead) * focal < models.width / 2)

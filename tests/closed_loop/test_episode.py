@@ -27,6 +27,15 @@ def oracle():
     return Oracle(PerceiverSettings(MAP))
 
 
+def _driven_blindly(scenario, targets):
+    """The episode after so many ticks at these target speeds (m/s), or after its crash."""
+    episode = Episode(scenario, Blind(), COMBO)
+    for target in targets:
+        if not episode.crashed:
+            episode.move(target)
+    return episode
+
+
 class TestOutcomes:
     def test_crash_front(self, scenes):
         """The bumper, at 5 m/s, meets a pedestrian in the middle of the lane 20 m ahead: 4 s less half a pedestrian."""
@@ -37,6 +46,13 @@ class TestOutcomes:
         assert log.figures.mean_speed_mps == pytest.approx(5.0)
         assert (log.figures.min_distance_m, log.figures.first_detection_m) == (0.0, 0.0)
 
+    @pytest.mark.parametrize("tick_s", [0.05, 1.0])
+    def test_a_contact_within_a_long_tick_is_found(self, scenes, tick_s):
+        """A car at 30 m/s crosses the swath behind the bumper, at 3.6 s, and is 12 m away at either end of a second."""
+        log = drive(scenes.scene(scenes.crossing_car(16.0, 3.6, speed=30.0)), Blind(), tick_s=tick_s)
+        assert (log.figures.outcome, log.figures.crashed) == ("side", True)
+        assert log.figures.crash_time_s == pytest.approx(3.6 - (2.3 + HALF_WIDTH) / 30.0, abs=1e-6)
+
     def test_crash_side(self, scenes):
         """A pedestrian reaches the flank when the bumper is 2 m past: a side contact, and the drive goes on."""
         reach_s = (HALF_WIDTH + HALF_PEDESTRIAN) / 1.5
@@ -44,6 +60,18 @@ class TestOutcomes:
         assert log.figures.outcome == "side"
         assert log.figures.crash_time_s == pytest.approx(4.0, abs=1e-6)
         assert log.positions[-1] > scenes.START_X + 30.0
+
+    def test_a_standing_ego_that_sets_off_runs_into_who_touches_it(self, scenes):
+        """It stands; a pedestrian comes to stand with half a box in its front, which is no crash; then it drives on."""
+        stops = _driven_blindly(scenes.scene(scenes.bystander()), [0.0] * 160)
+        ahead = stops.front_x - scenes.FRONT_X + 0.05
+        person = scenes.pedestrian([(ahead, -3.0), (ahead, 0.0)], start_s=5.0)  # there after 2 s
+        stands = _driven_blindly(scenes.scene(person), [0.0] * 160)
+        assert (stands.crashed, stands.log().figures.outcome) == (False, "none")
+        figures = _driven_blindly(scenes.scene(person), [0.0] * 160 + [5.0] * 20).log().figures
+        assert (figures.outcome, figures.crashed) == ("front", True)
+        assert figures.crash_time_s > 8.0
+        assert figures.impact_speed_mps < 0.5
 
     def test_stopped_in_time(self, scenes):
         log = drive(scenes.scene(scenes.crossing_pedestrian(20.0, 4.0)), oracle())

@@ -115,6 +115,19 @@ def test_detections_are_near_torchs(to_export, halves, in_torch, frames, combo):
             assert abs(ours["pred_scores"][same][off.argmin()] - score) < 0.005
 
 
+def test_packets_name_the_network_that_was_exported_once_they_are_to(to_export, deployed, frames):
+    sample = sample_of(frames[0], to_export)
+    half, pose = deployed.roadside(SEGMENT_BYTES), frames[0].infra.world_from_agent
+    assert {decode(s).stamp.network for s in half.segments(sample, 1, 0, pose).values()} == {0}
+    half.network_number = deployed.exported.network_number
+    assert half.network_number == 0x0123  # the fixture's weights_hash
+    assert {decode(s).stamp.network for s in half.segments(sample, 1, 0, pose).values()} == {0x0123}
+    theirs = RoadsideHalf(to_export.network, SEGMENT_BYTES)
+    theirs.network_number = 0x0123
+    sent = theirs.segments(load_batch(collate([sample]), "cpu"), 1, 0, pose)
+    assert {decode(s).stamp.network for s in sent.values()} == {0x0123}
+
+
 def test_a_lossy_link_ends_in_torchs_boxes_too(to_export, halves, in_torch, frames):
     frame, sample = frames[0], sample_of(frames[0], to_export)
     batch, pose = load_batch(collate([sample]), "cpu"), frames[0].ego.world_from_agent

@@ -16,7 +16,7 @@ from pcdet_avp.link import MapStamp, encode
 class Half:
     """Stands for the vehicle's network: notes which maps it is given."""
 
-    shape = (1, 2, 2)
+    shape, network_number = (1, 2, 2), 0x9FE4BB77
 
     def __init__(self):
         self.seen = []
@@ -45,15 +45,17 @@ def clock():
 @pytest.fixture
 def way(example, clock, monkeypatch):
     """A drive with a recording of four frames and maps that are used for a second."""
-    args = SimpleNamespace(seconds=600, wait=30, max_age=1.0, unit=None, drop=0.0, rate=20.0, listen="127.0.0.1:1")
+    args = SimpleNamespace(seconds=600, wait=30, max_age=1.0, unit=None, drop=0.0, rate=20.0, any_network=False)
+    args.listen = "127.0.0.1:1"
     frames = [(f"sample {i}", SimpleNamespace(ego=SimpleNamespace(world_from_agent=None))) for i in range(4)]
     vehicle = example("vehicle")
     monkeypatch.setattr(vehicle, "time", clock)
     return vehicle.Drive(Half(), frames, RealTimeReport("vehicle", "numpy", 20.0), args)
 
 
-def a_map(frame, clock):
-    return encode(np.ones((1, 2, 2), np.float32), MapStamp(frame, int(1e6 * clock.now_s), "lidar", 0, 0, 0), 500)
+def a_map(frame, clock, sender=0, network=0):
+    stamp = MapStamp(frame, int(1e6 * clock.now_s), "lidar", 0, 0, 0, sender, network)
+    return encode(np.ones((1, 2, 2), np.float32), stamp, 500)
 
 
 def test_a_vehicle_goes_on_alone_through_a_silence_and_fuses_again_after_it(way, clock):
@@ -137,3 +139,19 @@ def test_the_lines_of_every_second_are_passed_on(example, capsys):
     real_time.await_end({"vehicle": talking}, real_time.pass_on(talking, until="listening"))
     real_time.await_end({"vehicle": talking}, real_time.pass_on(talking))
     assert capsys.readouterr().out == " 12.0 Hz    1.00 Mbit/s\n"
+
+
+def test_maps_of_another_network_are_left_out_and_named_once(way, clock, capsys):
+    """They would decode to maps of the right shape, and of nonsense."""
+    for frame in (1, 2):
+        way.hear(a_map(frame, clock, sender=3, network=0xCA46F1BD))
+    way.look()
+    assert way._half.seen == []
+    words = "its maps are of network ca46f1bd, this vehicle's is 9fe4bb77: not used (see --any_network)"
+    assert capsys.readouterr().out == f"unit 3: {words}\n"
+    way.hear(a_map(1, clock, network=0x9FE4BB77))
+    way.look()
+    assert way._half.seen == [("sample 1", [1])]
+    clock.now_s += 31
+    with pytest.raises(LinkError, match=r"2 foreign, 1 accepted: .*ca46f1bd, this vehicle's is 9fe4bb77"):
+        way.goes_on  # noqa: B018

@@ -168,7 +168,7 @@ def test_every_change_without_a_new_checksum_is_noticed(data):
     ("offset", "replacement", "message"),
     [
         (0, b"PK", "magic"),
-        (2, b"\x04", "version 1 to 3, found 4"),
+        (2, b"\x05", "version 1 to 4, found 5"),
         (3, b"\x02", "modality 2"),
         (3, b"\x21", "precision 2"),
         (16, struct.pack("<f", np.nan), "finite"),

@@ -8,7 +8,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pcdet_avp.errors import PacketError
-from pcdet_avp.link import LossModel, MapStamp, NrV2xChannel, NrV2xConfig, Receiver, decode, encode
+from pcdet_avp.link import (
+    LossModel,
+    MapStamp,
+    NrV2xChannel,
+    NrV2xConfig,
+    Receiver,
+    decode,
+    encode,
+    encode_constant,
+    network_number,
+)
 from pcdet_avp.link.receiver import HELD_STREAMS
 
 SHAPE, MAX_SEGMENT, PERIOD_US = (3, 12, 12), 300, 50_000
@@ -128,3 +138,36 @@ def test_on_the_air_a_newer_map_replaces_an_unsent_one_of_its_own_unit_only():
     assert channel.counts.maps_replaced == 4
     found = [(known.stamp.sender, known.stamp.frame_id) for known in receiver.take_all(now_us=0)]
     assert found == [(0, 3), (1, 3)]
+
+
+def test_a_segment_that_names_its_network_says_so_in_ten_bytes_more():
+    """By hand: sender 2, network 4, bytes of the body 4. Without a network it is the segment that it always was."""
+    stamp = MapStamp(3, 150_000, "lidar", 1.0, 2.0, 0.5)
+    (plain,), (named,) = (encode(map_of(0, 3), replace(stamp, network=n), 2000) for n in (0, 0x9FE4BB77))
+    assert len(named) == len(plain) + 10
+    assert named[:6] == b"AV\x04" + plain[3:4] + b"\0\0"
+    assert named[6:10] == bytes.fromhex("77bbe49f")
+    known = decode([named])
+    assert known.stamp == replace(stamp, network=0x9FE4BB77)
+    assert np.array_equal(known.values, map_of(0, 3))
+    (padded,) = encode_constant(map_of(0, 3), replace(stamp, sender=5, network=7), 2000)
+    assert len(padded) == 2000
+    assert decode([padded]).stamp == replace(stamp, sender=5, network=7)
+    assert np.array_equal(decode([padded]).values, map_of(0, 3))
+    with pytest.raises(PacketError, match="network: expected a number of 32 bits"):
+        replace(stamp, network=1 << 32)
+
+
+def test_maps_of_another_network_are_refused_and_counted():
+    own, other = network_number("9fe4bb77bf6cceb9"), network_number("ca46f1bd4d8bb45b")
+    assert own == 0x9FE4BB77
+    stamps = {n: MapStamp(1, 50_000, "lidar", 0, 0, 0, sender, n) for sender, n in enumerate((own, other, 0))}
+    sent = {n: encode(map_of(0, 1), stamp, 2000) for n, stamp in stamps.items()}
+    picky, anybody = Receiver(network=own), Receiver()
+    for receiver in (picky, anybody):
+        for (payload,) in sent.values():
+            receiver.push(payload)
+    assert picky.counts == {"accepted": 2, "foreign": 1}  # one does not say whose it is
+    assert picky.senders == (0, 2)
+    assert picky.foreign == {1: other}
+    assert anybody.senders == (0, 1, 2)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pcdet_avp.placement.front import Option, Placement, Sight, front, measured, solve, without
+from pcdet_avp.placement.report import recommended
 from pcdet_avp.placement.sensors import SensorModels
 from pcdet_avp.placement.spots import RAYS, Pass
 from pcdet_avp.placement.visibility import Look
@@ -61,3 +62,14 @@ def test_what_costs_more_and_covers_less_is_left_out():
     costs = [(5, 0.5), (4, 0.6), (3, 0.1), (6, 0.6), (9, 0.9), (3, 0.2)]
     kept = front([Placement((), cost, share, 0.0, 0.0, None) for cost, share in costs])
     assert [(p.cost, p.share) for p in kept] == [(3, 0.2), (4, 0.6), (9, 0.9)]
+
+
+def test_what_is_recommended_is_never_nothing_because_everything_crashed():
+    """By safe speed the cheapest; where no placement has one, by coverage."""
+    nothing, one, two = (
+        Placement((), cost, share, share, share, None) for cost, share in ((0, 0), (2, 0.78), (4, 0.8))
+    )
+    kept = [nothing, one, two]
+    assert recommended(kept, {nothing: (5.0, 5.0), one: (8.0, 6.0), two: (8.0, 8.0)}) is one
+    assert recommended(kept, {nothing: (0.0, 0.0), two: (0.0, 0.0)}) is one
+    assert recommended(kept, {}) is one

@@ -21,6 +21,12 @@ def box(x=0.0, y=0.0, z=0.0, dx=4.0, dy=2.0, dz=1.5, heading=0.0) -> np.ndarray:
     return np.array([[x, y, z, dx, dy, dz, heading]])
 
 
+def turned(ahead: float, left: float) -> np.ndarray:
+    """A box with a heading of 45 degrees, moved along its own axes (m). With the headings' sign lost, 6 and 4 m2 swap
+    (findings/lyft_box_yaw.sh)."""
+    return box(x=(ahead - left) / np.sqrt(2), y=(ahead + left) / np.sqrt(2), heading=np.pi / 4)
+
+
 seeds = st.integers(0, 2**32 - 1)
 
 
@@ -56,6 +62,8 @@ def test_3d_iou_agrees_with_shapely_times_the_shared_height():
         pytest.param(box(), box(x=4.0), 0.0, id="touching at a side"),
         pytest.param(box(), box(x=4.0, y=2.0), 0.0, id="touching at a corner"),
         pytest.param(box(), box(x=2.0), 4.0, id="half a length apart"),
+        pytest.param(turned(0.0, 0.0), turned(1.0, 0.0), 6.0, id="at 45 degrees, 1 m ahead"),
+        pytest.param(turned(0.0, 0.0), turned(0.0, 1.0), 4.0, id="at 45 degrees, 1 m to the left"),
         pytest.param(box(), box(dx=1.0, dy=0.5, heading=0.3), 0.5, id="contained"),
         pytest.param(box(dx=2.0), box(dx=2.0, heading=np.pi / 4), 8 * (np.sqrt(2) - 1), id="squares make an octagon"),
         pytest.param(box(x=1e4, y=-1e4), box(x=1e4 + 3.99, y=-1e4), 0.02, id="a centimetre far from the origin"),

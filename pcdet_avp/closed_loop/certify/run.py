@@ -34,6 +34,7 @@ def run_certification(
     claim |= {"certificate": {**plan, "speeds": sorted(sweep.speeds)}}
     with open_journal(folder, claim) as journal:
         if any(missing(asked, journal.finished, 1)):
+            journal.note_commit()
             ends = None if max_minutes is None else time.monotonic() + 60 * max_minutes
             with task_pool(run_case, workers, scheduler) as pool:
                 _run(asked, journal, pool, AHEAD_PER_WORKER * workers, ends)

@@ -32,7 +32,7 @@ def post_encroachment_time(ego: EgoMotion, other: Actor) -> float:
     enters, leaves = _crossing(times, aside, first - 1), _crossing(times, aside, last)
     near, far = conflict_zone(corners[first : last + 1], (-EGO_WIDTH_M / 2, EGO_WIDTH_M / 2))
     comes, goes = _when(ego, near - EGO_LENGTH_M / 2), _when(ego, far + EGO_LENGTH_M / 2)
-    if np.isinf(comes) or (np.isinf(goes) and enters > ego.times[-1]):
+    if comes == np.inf or (goes == np.inf and enters > ego.times[-1]):
         return np.inf
     return float(max(comes - leaves, enters - goes, 0.0))
 

@@ -22,7 +22,7 @@ from pcdet_avp.structures.ego import BUMPER_X_M, EGO_WIDTH_M
 
 RSS_RESPONSE_S = 0.5  # IEEE 2846 leaves it to the user; 0.3 to 0.75 s is usual
 RSS_BRAKING_MPS2 = 0.774 * 9.81  # what the ego is sure to brake with: the careful driver of UN R157
-RSS_LEAD_BRAKING_MPS2 = 0.85 * 9.81  # what one ahead may brake with at most (UN R152's emergency brake: 0.85 g)
+RSS_LEAD_BRAKING_MPS2 = 0.85 * 9.81  # what one ahead may brake with at most (the emergency brake of UN R157's driver)
 
 
 @dataclass(frozen=True)

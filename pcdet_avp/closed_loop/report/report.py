@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 
 from matplotlib.figure import Figure
@@ -22,6 +24,7 @@ from pcdet_avp.closed_loop.report.paired_tables import paired_table
 from pcdet_avp.closed_loop.report.plots import detection_figure, law_figure, speed_crash_figure, write_figure
 from pcdet_avp.closed_loop.report.side_columns import side_columns
 from pcdet_avp.closed_loop.sweep.crash_statistics import SAFE_RATE
+from pcdet_avp.closed_loop.sweep.journal import COMMITS
 from pcdet_avp.closed_loop.sweep.results import IN_TRAINING_GARAGES, Results, read_results
 from pcdet_avp.closed_loop.sweep.training_garages import sentence
 from pcdet_avp.files import write_text
@@ -93,7 +96,7 @@ def _provenance(results: Results) -> list[str]:
     facts = {
         **{f"command {k}" if len(commands) > 1 else "command": f"`{c}`" for k, c in enumerate(commands, start=1)},
         "seed": meta.get("seed"),
-        "commit": meta.get("git_commit"),
+        "commit": _commits(meta),
         "weights": _weights(results),
         "known garages": _known_garages(results),
         "versions": ", ".join(f"{k} {v}" for k, v in (meta.get("versions") or {}).items()),
@@ -101,6 +104,12 @@ def _provenance(results: Results) -> list[str]:
         "episodes": _episodes(results),
     }
     return [f"- {name}: {value}" for name, value in facts.items() if value not in (None, "")]
+
+
+def _commits(meta: Mapping[str, Any]) -> str | None:
+    """The commit, or, where several have driven, all of them: their episodes stand side by side in the tables."""
+    commits = meta.get(COMMITS) or []
+    return f"{', '.join(commits)} (each drove a part)" if len(commits) > 1 else meta.get("git_commit")
 
 
 def _known_garages(results: Results) -> str | None:
@@ -117,7 +126,8 @@ def _episodes(results: Results) -> str:
 
 
 def _section(results: Results, scenario: str, perception: str, figures: Path) -> list[str]:
-    head, stem = title(results, scenario, perception), f"{scenario}_{perception}"
+    head = title(results, scenario, perception)
+    stem = f"{scenario}_{perception}".replace("/", "_")  # a plan's scenario holds the path of its file
     curves = speed_crash_figure(results, scenario, perception, f"{head}: crashes")
     lines = [f"## {head}", "", f"`{perception}`: {_meaning(perception)}.", ""]
     lines += _crash_part(results, scenario, perception, head)
@@ -209,4 +219,4 @@ def _law_section(figures: Path) -> list[str]:
 
 def _picture(file: Path, figure: Figure, text: str) -> list[str]:
     write_figure(figure, file)
-    return [f"![{text}]({file.parent.name}/{file.name})"]
+    return [f"![{text}]({file.parent.name}/{quote(file.name, safe='@:')})"]

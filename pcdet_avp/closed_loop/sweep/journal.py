@@ -1,7 +1,8 @@
 """Finished episodes on disk while a sweep runs: one line each, appended whole or cut off when read again.
 
 A folder belongs to one seed and one way of driving; ``sweep.json`` says which, and what each perception was built
-from, so that a sweep goes on only with what it began with.
+from, so that a sweep goes on only with what it began with. Other code may go on with it; ``sweep.json`` lists the
+commits that drove.
 """
 
 from __future__ import annotations
@@ -13,11 +14,15 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from pcdet_avp import __version__
 from pcdet_avp.closed_loop.sweep.episode_row import Case, EpisodeRow
+from pcdet_avp.closed_loop.sweep.results import SUMMARY
 from pcdet_avp.errors import RecordError
 from pcdet_avp.files import write_json
+from pcdet_avp.provenance import git_commit
 
 JOURNAL, CLAIM = "journal.jsonl", "sweep.json"
+COMMITS, UNKNOWN = "git_commits", "unknown"  # key of the claim; a commit that was not kept
 Finished = dict[Case, tuple[EpisodeRow, float]]  # record and wall seconds of every finished episode
 
 
@@ -53,8 +58,30 @@ class Journal:
     def _take(self, row: EpisodeRow, wall_s: float) -> None:
         self.finished[row.case] = row, wall_s
 
+    def note_commit(self) -> None:
+        """Say in the claim which code drives from here on; the claim has been made."""
+        held, commit = json.loads((self.folder / CLAIM).read_text()), git_commit() or f"version {__version__}"
+        known = held.get(COMMITS) or ([self._last_commit()] if self.finished else [])
+        if commit not in known:
+            write_json(self.folder / CLAIM, {**held, COMMITS: [*known, commit]})
+
+    def _last_commit(self) -> str:
+        """That of the folder's summary: whoever wrote it drove the episodes from before the claim listed commits."""
+        try:
+            return json.loads((self.folder / SUMMARY).read_text(encoding="utf-8"))["meta"]["git_commit"] or UNKNOWN
+        except (OSError, ValueError, KeyError):
+            return UNKNOWN
+
     def close(self) -> None:
         os.close(self._file)
+
+
+def driven_by(folder: Path) -> list[str]:
+    """The commits that have driven a folder's episodes, in their order; [] where that was not kept."""
+    try:
+        return list(json.loads((folder / CLAIM).read_text(encoding="utf-8")).get(COMMITS, []))
+    except (OSError, ValueError):
+        return []
 
 
 def _parsed(line: bytes, where: str) -> tuple[EpisodeRow, float]:

@@ -14,7 +14,7 @@ from typing import Any
 from pcdet_avp.closed_loop.perception.factory import known_perception
 from pcdet_avp.closed_loop.sweep.crash_statistics import SAFE_RATE, Tally, bounded_speed, crash_interval, max_safe_speed
 from pcdet_avp.closed_loop.sweep.episode_row import ANY_COMBO, COLUMNS, MEASURES, Case, EpisodeRow
-from pcdet_avp.closed_loop.sweep.journal import Finished
+from pcdet_avp.closed_loop.sweep.journal import COMMITS, Finished, driven_by
 from pcdet_avp.closed_loop.sweep.numbers import csv_text, finite_mean
 from pcdet_avp.closed_loop.sweep.paired import preventable
 from pcdet_avp.closed_loop.sweep.results import EPISODES, MADE_FROM, PERCEPTIONS, SUMMARY
@@ -41,6 +41,8 @@ def write_results(folder: Path, finished: Finished, meta: Mapping[str, Any]) -> 
     write_text(folder / WALL_TIMES, _csv((*Case._fields, "duration_s", "wall_s"), times))
     held = _held(folder)
     meta = {**meta, "commands": _commands(held, meta), "episodes_wall_s": round(sum(s for _, s in ordered), 1)}
+    if commits := driven_by(folder):
+        meta[COMMITS] = commits
     if PERCEPTIONS in meta:
         meta[PERCEPTIONS] = _perceptions(held, rows) | meta[PERCEPTIONS]
     write_json(folder / SUMMARY, {"meta": meta, **summary(rows)})

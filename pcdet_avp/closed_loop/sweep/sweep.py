@@ -76,6 +76,7 @@ def run_sweep(sweep: Sweep, folder: Path, workers: int = 2, scheduler: str | Non
     claim = {"seed": sweep.seed, "closed_loop": sweep.closed_loop, **sweep.identity}
     with open_journal(folder, claim) as journal:
         if missing := _wanted(sweep, journal.finished):
+            journal.note_commit()
             with task_pool(run_case, min(workers, len(missing)), scheduler) as pool:
                 _run(sweep, journal, pool)
         return journal.finished

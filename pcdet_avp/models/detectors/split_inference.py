@@ -30,6 +30,7 @@ class RoadsideHalf:
         self, model: nn.Module, max_segment_bytes: int, budget_bytes: int | None = None, asked_by: str = "roadside"
     ) -> None:
         """``budget_bytes`` and ``asked_by`` as in ``MapPacker``."""
+        self.network_number = 0  # what its maps say of the network that made them; 0: nothing
         self._model = model.eval()
         self._packer = MapPacker(model.codec, max_segment_bytes, asked_by, budget_bytes)
 
@@ -43,7 +44,8 @@ class RoadsideHalf:
         """
         latents, stamped = self._model.encode_roadside(batch_dict), {}
         for source, latent in latents.items():
-            stamp = MapStamp.at_pose(frame_id, time_us, modality_of(source), world_from_infra, sender)
+            origin = sender, self.network_number
+            stamp = MapStamp.at_pose(frame_id, time_us, modality_of(source), world_from_infra, *origin)
             with self._model.stages("pack"):
                 stamped[source] = self._packer.pack(latent.values[0], stamp)
         return stamped

@@ -139,12 +139,18 @@ class Sight:
         return self._sees(eye, window, outline.sphere, object_id, float(FAR_M), pixels)
 
     def lidar_sees(
-        self, lidar: LidarModel, world_from_agent: Pose, outline: Outline, object_id: int, returns: int
+        self,
+        lidar: LidarModel,
+        world_from_agent: Pose,
+        outline: Outline,
+        object_id: int,
+        returns: int,
+        range_m: float = MAX_RANGE_M,
     ) -> bool | None:
         """Whether a LiDAR that drops nothing has so many returns; None where its beams have not room for so many."""
         origin = (world_from_agent @ lidar.agent_from_lidar).translation
         window = lidar_window(lidar, world_from_agent, outline)
-        return self._sees(origin, window, outline.sphere, object_id, MAX_RANGE_M, returns)
+        return self._sees(origin, window, outline.sphere, object_id, range_m, returns)
 
     def _sees(self, origin, window: Window, sphere: Sphere, object_id: int, limit: float, needed: int) -> bool | None:
         """A part of the rays is enough where it holds the needed hits; else all are counted."""

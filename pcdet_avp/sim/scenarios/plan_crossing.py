@@ -43,9 +43,12 @@ GAP_WITHIN_M, GOES_IN_M = 8.0, 2.0
 TRIES = 40
 
 
-def pedestrian_on_plan(file: str, name: str, seed: int, trial: int, cruising_mps: float) -> Scenario:
-    """One crossing episode; plan and people follow from ``seed`` and ``trial``, whatever the speed."""
-    drawn = _draw_crossing_plan(plan_floor(file), seed, trial)
+def pedestrian_on_plan(
+    file: str, name: str, seed: int, trial: int, cruising_mps: float, floor: str | None = None
+) -> Scenario:
+    """One crossing episode on a floor (None: the plan's first); gap and people follow from ``seed`` and ``trial``,
+    whatever the speed."""
+    drawn = _draw_crossing_plan(plan_floor(file, floor), seed, trial)
     threats = tuple(
         Threat(w.pedestrian.object_id, w.clear_after_m, w.meet_x - cruising_mps * (w.walking_s - w.offset_s))
         for w in drawn.walks

@@ -40,9 +40,12 @@ ROOM_M = 4.0
 LARGEST = CarSpec("van", 5.6, 2.0, 2.5, (0.5, 0.5, 0.5))
 
 
-def junction_on_plan(file: str, name: str, seed: int, trial: int, cruising_mps: float) -> Scenario:
-    """One junction episode; ConfigError where the plan has no junction whose traffic meets a straight lane."""
-    drawn = _draw_junction_plan(plan_floor(file), seed, trial)
+def junction_on_plan(
+    file: str, name: str, seed: int, trial: int, cruising_mps: float, floor: str | None = None
+) -> Scenario:
+    """One junction episode on a floor (None: the plan's first); ConfigError where no junction has traffic that meets
+    a straight lane."""
+    drawn = _draw_junction_plan(plan_floor(file, floor), seed, trial)
     zone_x = drawn.junction.zone_x
     start_s = SETTLE_S + drawn.offset_s - drawn.enters_m / cruising_mps
     number = 1 + max((car.object_id for car in drawn.parked), default=-1)

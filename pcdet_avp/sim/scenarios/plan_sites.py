@@ -1,8 +1,9 @@
 """Where episodes happen on a plan's floor: straight approaches along its lanes, gaps beside them, junctions.
 
 The world of an episode is the floor moved into the frame of its approach: the ego drives along y = 0 towards +x, the
-straight piece of its lane begins at x = 0. Before that the ego comes round a bend or out of a slot; until perception
-wakes, near the first gap or zone, this makes no difference, and its way there is drawn out straight.
+straight piece of its lane begins at x = 0. Before that the ego comes round a bend or out of a slot, and its way there
+is drawn out straight. That makes no difference until perception wakes; where a straight is shorter than the distance at
+which it does, the ego then comes out of whatever the plan has there (docs/garage_plans.md says how often).
 """
 
 from __future__ import annotations

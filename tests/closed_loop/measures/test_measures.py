@@ -84,6 +84,14 @@ def test_pet_of_a_pedestrian_who_passes_before_and_behind(scenes, meet_s, pet_s)
     assert log.measures.min_pet_s == pytest.approx(pet_s, abs=2e-3)
 
 
+def test_pet_of_an_ego_that_is_in_the_area_when_the_log_begins(scenes):
+    """The pedestrian's line is 1 m behind the bumper: the tail has left it after 3.9875 m, at 5 m/s 0.7975 s."""
+    times = np.arange(0.0, 8.0, 0.05)
+    ego = ego_motion(scenes.START_X + 5.0 * times, times, scenes.LANE_Y)
+    late = scenes.crossing_pedestrian(-1.0, 4.0)
+    assert post_encroachment_time(ego, late) == pytest.approx(4.0 - 1.1375 / 1.5 - 0.7975, abs=2e-3)
+
+
 def test_pet_of_a_crash_is_0_and_of_nobody_infinite(scenes):
     for actor, pet_s in ((scenes.crossing_pedestrian(20.0, 4.0), 0.0), (scenes.bystander(), np.inf)):
         log = run_episode(scenes.scene(actor), Blind(), SensorSet.parse("CL+CL"))

@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+from urllib.parse import unquote
 
 import cv2
 import pytest
@@ -176,6 +177,17 @@ def test_the_report_names_the_network_shows_its_figures_and_is_the_same_again(sw
     for name in figures:
         assert cv2.imread(str(sweep / name)).std() > 10
     assert write_report(sweep).read_text() == text
+
+
+def test_every_picture_of_a_sweep_on_a_plan_is_where_the_report_looks_for_it(tmp_path):
+    """Such a scenario's name holds the path of the plan's file; two plans of one name have pictures of their own."""
+    plans = "my garages/low_deck.yaml", "old/low_deck.yaml"
+    text = write_report(
+        write_sweep(tmp_path, {(f"t_junction@{plan}", "los", "C+CL", 3.0): (0, 2) for plan in plans})
+    ).read_text()
+    pictures = [unquote(link) for link in re.findall(r"!\[[^]]*\]\(([^)\s]+)\)", text)]
+    assert len(set(pictures)) == len(pictures) == text.count("![") == 2 * 2 + 1  # crashes, detections; the law
+    assert sorted(pictures) == sorted(f"figures/{file.name}" for file in (tmp_path / "figures").rglob("*.png"))
 
 
 def test_a_sweep_without_any_episode_says_so(tmp_path):

@@ -17,10 +17,12 @@ import pytest
 from pool_here import PoolHere
 from waiting import LAST_S, wait_for
 
+from pcdet_avp.closed_loop.report.report import write_report
+from pcdet_avp.closed_loop.sweep import journal as journal_module
 from pcdet_avp.closed_loop.sweep import sweep as sweep_module
 from pcdet_avp.closed_loop.sweep.case import run_case
 from pcdet_avp.closed_loop.sweep.episode_row import Case
-from pcdet_avp.closed_loop.sweep.journal import JOURNAL, Journal
+from pcdet_avp.closed_loop.sweep.journal import CLAIM, JOURNAL, Journal
 from pcdet_avp.closed_loop.sweep.results import read_results
 from pcdet_avp.closed_loop.sweep.summary import EPISODES, SUMMARY, crash_text, summary, write_results
 from pcdet_avp.closed_loop.sweep.sweep import Sweep, run_sweep
@@ -90,6 +92,7 @@ def test_the_summary_counts_what_the_episodes_say(reference):
         rows = list(csv.DictReader(stream))
     found = json.loads((reference / SUMMARY).read_text())
     assert found["meta"].pop("episodes_wall_s") > 0
+    assert len(found["meta"].pop("git_commits")) == 1
     assert found["meta"] == {"seed": 5, "commands": []}
     assert len(rows) == 12  # oracle and the always-slow baseline, two speeds, three trials
     for cell in found["cells"]:
@@ -109,6 +112,29 @@ def test_the_summary_names_all_commands_that_went_on_with_a_folder(reference, tm
         write_results(tmp_path, finished, {"command": command})
     meta = json.loads((tmp_path / SUMMARY).read_text())["meta"]
     assert (meta["command"], meta["commands"]) == ("a", ["a", "b"])
+
+
+def test_a_folder_knows_all_commits_that_drove_its_episodes(tmp_path, in_this_process, monkeypatch):
+    """Begun by one commit and killed, gone on with by the next; a third finds nothing left to drive."""
+    sweep, told = asked(perception="blind", speeds=(8.0,), trials=1, identity={"blind": {}}), []
+    for commit, trials in (("aaa", 1), ("bbb", 2), ("ccc", 2)):
+        monkeypatch.setattr(journal_module, "git_commit", lambda commit=commit: commit)
+        finished = run_sweep(replace(sweep, trials=trials), tmp_path)
+        told.append(json.loads((tmp_path / CLAIM).read_text())["git_commits"])
+    assert told == [["aaa"], ["aaa", "bbb"], ["aaa", "bbb"]]
+    write_results(tmp_path, finished, {"git_commit": "ccc"})
+    assert json.loads((tmp_path / SUMMARY).read_text())["meta"]["git_commits"] == ["aaa", "bbb"]
+    assert "- commit: aaa, bbb (each drove a part)" in write_report(tmp_path).read_text()
+
+
+def test_the_episodes_of_an_older_folder_are_those_of_its_summarys_commit(tmp_path, in_this_process, monkeypatch):
+    sweep = asked(perception="blind", speeds=(8.0,), trials=1, identity={"blind": {}})
+    write_results(tmp_path, run_sweep(sweep, tmp_path), {"git_commit": "old"})
+    claim = json.loads((tmp_path / CLAIM).read_text())
+    (tmp_path / CLAIM).write_text(json.dumps({name: value for name, value in claim.items() if name != "git_commits"}))
+    monkeypatch.setattr(journal_module, "git_commit", lambda: "new")
+    run_sweep(replace(sweep, trials=2), tmp_path)
+    assert json.loads((tmp_path / CLAIM).read_text())["git_commits"] == ["old", "new"]
 
 
 def test_the_summary_keeps_what_each_perception_was_built_from(reference, tmp_path):
