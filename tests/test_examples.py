@@ -1,7 +1,7 @@
 """Every example runs as its first lines say."""
 
 import re
-import subprocess
+import runpy
 import sys
 from pathlib import Path
 
@@ -10,21 +10,27 @@ import pytest
 REPOSITORY = Path(__file__).parents[1]
 
 
-def output_of(name, *arguments):
-    command = [sys.executable, str(REPOSITORY / "examples" / f"{name}.py"), *arguments]
-    result = subprocess.run(command, capture_output=True, text=True, check=False, timeout=600)
-    assert result.returncode == 0, result.stderr
-    return result.stdout
+@pytest.fixture
+def output_of(monkeypatch, capsys):
+    """``output_of(name, *arguments)``: what an example prints, run as a script in this process."""
+
+    def run(name, *arguments):
+        file = str(REPOSITORY / "examples" / f"{name}.py")
+        monkeypatch.setattr(sys, "argv", [file, *arguments])
+        runpy.run_path(file, run_name="__main__")
+        return capsys.readouterr().out
+
+    return run
 
 
-def test_custom_controller_is_compared_with_the_papers_law():
+def test_custom_controller_is_compared_with_the_papers_law(output_of):
     pytest.importorskip("gymnasium")
     lines = output_of("custom_controller", "--episodes", "1", "--speed", "6").splitlines()
     assert [line[:17].strip() for line in lines] == ["the paper's law", "custom controller"]
     assert "0/1 crashes" in lines[0]  # nobody is hit at 6 m/s by who knows everything
 
 
-def test_custom_perception_sees_pedestrians_and_the_turning_vehicle():
+def test_custom_perception_sees_pedestrians_and_the_turning_vehicle(output_of):
     text = output_of("custom_perception", "--episodes", "1")
     assert [float(m) > 8 for m in re.findall(r"first detection ([\d.]+) m", text)] == [True, True]
     assert text.count("contact none") == 2

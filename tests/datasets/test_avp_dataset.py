@@ -2,6 +2,7 @@
 
 import copy
 import logging
+import pickle
 from dataclasses import replace
 from pathlib import Path
 
@@ -351,6 +352,14 @@ def test_the_ego_among_the_labels_is_left_out_and_counted(cfg, make_frame, tmp_p
     assert 77 in read_frame(tmp_path, "c/1", keep_ego=True).labels.object_ids
 
 
+def test_what_a_spawned_worker_is_sent_loads_the_same(cfg):
+    """A worker of that start method gets the data set and its collating as bytes."""
+    dataset = AvpDataset(cfg, CLASSES, training=False)
+    sent, collating = pickle.loads(pickle.dumps((dataset, dataset.collate_batch)))
+    np.testing.assert_array_equal(collating([sent[0]])["images"][0], dataset[0]["images"])
+
+
+@pytest.mark.slow  # the test before says it of the bytes; here a process reads them, which imports torch first
 def test_spawned_workers_can_load_it(cfg):
     dataset = AvpDataset(cfg, CLASSES, training=False)
     spawned = torch.utils.data.DataLoader(

@@ -2,42 +2,52 @@
 
 import json
 import runpy
-import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
+from pool_here import PoolHere
+
+from pcdet_avp.closed_loop.sweep import sweep as sweep_module
 
 TOOL = Path(__file__).parents[2] / "tools" / "safety_eval.py"
 
 
-def tool(*arguments):
-    command = [sys.executable, TOOL, *arguments]
-    return subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=400, check=False)
+@pytest.fixture
+def tool(monkeypatch, capsys):
+    """``tool(*arguments)``: what the script prints."""
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", [str(word) for word in (TOOL, *arguments)])
+        runpy.run_path(str(TOOL), run_name="__main__")
+        return capsys.readouterr().out
+
+    return run
 
 
-def test_blind_crashes_in_every_episode_and_the_files_say_where_they_come_from(tmp_path):
-    done = tool(
+def test_blind_crashes_in_every_episode_and_the_files_say_where_they_come_from(tool, tmp_path, monkeypatch):
+    """Without Dask, with which tests/closed_loop/sweep drives."""
+    monkeypatch.setattr(sweep_module, "task_pool", lambda function, *_: nullcontext(PoolHere(function)))
+    printed = tool(
         *("--scenario", "t_junction", "--perception", "blind", "--speeds", 8, "--trials", 2, "--workers", 1),
         *("--out", tmp_path, "--set", "CLOSED_LOOP.DYNAMICS.LAG_S", "0.3"),
     )
-    assert done.returncode == 0, done.stderr
-    assert "t_junction blind any" in done.stdout
-    assert "2/2" in done.stdout
+    assert "t_junction blind any" in printed
+    assert "2/2" in printed
     meta = json.loads((tmp_path / "summary.json").read_text())["meta"]
     assert (meta["config"], meta["seed"], meta["closed_loop"]["DYNAMICS"]["LAG_S"]) == ("cp_full", 0, 0.3)
     assert "safety_eval.py" in meta["command"]
     assert sorted(file.name for file in tmp_path.glob("*.csv")) == ["episodes.csv", "wall_times.csv"]
 
 
-def test_blind_is_certified_for_no_speed(tmp_path):
+def test_blind_is_certified_for_no_speed(tool, tmp_path):
     """Nobody brakes, so the first five runs of the slowest speed end the sequence."""
-    done = tool(
+    printed = tool(
         *("--certify", "--scenario", "t_junction", "--perception", "blind", "--speeds", 8, 5, "--workers", 1),
         *("--out", tmp_path, "--method", "sequential"),
     )
-    assert done.returncode == 0, done.stderr
-    assert "| t_junction | blind      | any     | none          | 5 m/s failed |" in done.stdout
+    assert "| t_junction | blind      | any     | none          | 5 m/s failed |" in printed
     (entry,) = json.loads((tmp_path / "certificate.json").read_text())
     assert (entry["speed"], entry["rate"], entry["method"], entry["budget"]) == (None, 0.05, "sequential", 264)
     assert entry["crashes"] == entry["runs"] == 5  # with so many, it would take 277 runs

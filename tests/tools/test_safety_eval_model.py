@@ -4,11 +4,14 @@ import csv
 import hashlib
 import json
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
+from pool_here import PoolHere
 
 from pcdet_avp.closed_loop.perception.network import untrained
+from pcdet_avp.closed_loop.sweep import sweep as sweep_module
 from pcdet_avp.config import load_config
 from pcdet_avp.engine.checkpoint import save
 from pcdet_avp.errors import CheckpointError, ConfigError
@@ -75,6 +78,12 @@ def test_what_cannot_be_is_refused_before_anything_starts(drive, ckpt, arguments
         drive(*(ckpt if word == "CKPT" else word for word in arguments))
 
 
-def test_weights_of_another_configuration_are_refused(drive, ckpt):
+def test_weights_of_another_configuration_are_refused(drive, ckpt, monkeypatch):
+    """Where an episode begins; that an error comes out of a worker, tests/test_parallel.py says."""
+
+    def of_the_network(waiting):
+        return next(job for job in waiting if job.case.perception == "model")
+
+    monkeypatch.setattr(sweep_module, "task_pool", lambda function, *_: nullcontext(PoolHere(function, of_the_network)))
     with pytest.raises(CheckpointError, match=r"tiny.pth: made with another configuration"):
         drive("model", "--ckpt", ckpt, "--set", "MODEL.BACKBONE_2D.NUM_FILTERS", "[16, 24]")

@@ -13,26 +13,26 @@ COLUMNS = {"easy", "hard", "overall"}
 
 @pytest.fixture(scope="module")
 def results(call, trained, tmp_path_factory):
-    """Results of the trained network, without and with bytes on the wire."""
+    """Results of the trained network: as training left them, without bytes, and with bytes on the wire."""
     folder, ckpt = tmp_path_factory.mktemp("tested"), trained / "ckpt" / "checkpoint_epoch_2.pth"
-    call(folder, "test", "--ckpt", ckpt, "--json", folder / "plain.json")
     call(folder, "test", "--ckpt", ckpt, "--json", folder / "wire.json", "--wire")
-    return [json.loads((folder / f"{name}.json").read_text()) for name in ("plain", "wire")]
+    files = (trained / "eval" / "checkpoint_epoch_2" / "test" / "result.json", folder / "wire.json")
+    return [json.loads(file.read_text()) for file in files]
 
 
 def test_the_json_file_has_the_documented_form(results):
-    plain, _ = results
-    assert [row["combo"] for row in plain["rows"] if row["region"] == "camera_fov"] == list(SENSOR_SETS)
-    for row in plain["rows"]:
-        assert row["region"] in ("camera_fov", "full_range")
-        assert set(row["Car"]) == set(row["Pedestrian"]) == COLUMNS
-        assert all({"0.7", "0.01"} <= set(cell) for cell in row["Car"].values())
-        assert all({"0.3", "0.01"} <= set(cell) for cell in row["Pedestrian"].values())
-        assert row["bytes_per_map"] == {"camera": None, "lidar": None}
+    for content in results:
+        assert [row["combo"] for row in content["rows"] if row["region"] == "camera_fov"] == list(SENSOR_SETS)
+        for row in content["rows"]:
+            assert row["region"] in ("camera_fov", "full_range")
+            assert set(row["Car"]) == set(row["Pedestrian"]) == COLUMNS
+            assert all({"0.7", "0.01"} <= set(cell) for cell in row["Car"].values())
+            assert all({"0.3", "0.01"} <= set(cell) for cell in row["Pedestrian"].values())
+    assert all(row["bytes_per_map"] == {"camera": None, "lidar": None} for row in results[0]["rows"])
 
 
 def test_the_json_file_says_where_it_comes_from(results):
-    meta = results[0]["meta"]
+    meta = results[1]["meta"]
     assert (meta["config"], meta["split"], meta["frames"], meta["seed"]) == ("cp_tiny", "test", 1, 0)
     assert meta["split_by"] == "scene"
     assert len(meta["weights_hash"]) == len(meta["config_hash"]) == 16

@@ -2,6 +2,7 @@
 
 import json
 import os
+import runpy
 import shutil
 import subprocess
 import sys
@@ -132,11 +133,13 @@ def test_half_precision_on_a_cpu_and_an_odd_batch_are_refused(call, tmp_path):
         call(tmp_path, "train", "--use_amp", "--device", "cpu", overrides=("OPTIMIZATION.AMP_DTYPE", "fp16"))
 
 
-def test_a_wrong_input_is_one_line_and_exit_status_2(tmp_path):
-    command = [sys.executable, REPOSITORY / "tools" / "train.py", "--cfg", tmp_path / "none.yaml"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path, env=os.environ)
-    assert done.returncode == 2
-    (line,) = done.stderr.splitlines()
+def test_a_wrong_input_is_one_line_and_exit_status_2(tmp_path, monkeypatch, capsys):
+    tool = str(REPOSITORY / "tools" / "train.py")
+    monkeypatch.setattr(sys, "argv", [tool, "--cfg", str(tmp_path / "none.yaml")])
+    with pytest.raises(SystemExit) as ended:
+        runpy.run_path(tool, run_name="__main__")
+    assert ended.value.code == 2
+    (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f"error: {tmp_path / 'none.yaml'}: there is no file of this name")
 
 

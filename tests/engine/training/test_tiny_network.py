@@ -1,7 +1,6 @@
 """The engine around the real network at its smallest."""
 
 import logging
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -95,14 +94,17 @@ def _distance(gradients, others=None):
     )
 
 
-@pytest.mark.parametrize("recompute", [False, True])
-def test_two_ranks_have_the_gradients_of_one_process_with_the_whole_batch(cfg, in_two_processes, recompute):
+def _gradients_both_ways(ranks, cfg, iterations):
+    """``_gradients`` with the encoders' activations kept, and with them computed again, one behind the other."""
+    return [g for again in (False, True) for g in _gradients(ranks, cfg, iterations, recompute_encoders=again)]
+
+
+def test_two_ranks_have_the_gradients_of_one_process_with_the_whole_batch(cfg, in_two_processes):
     cfg.MODEL.ROADSIDE_MAP_DROPOUT = 0.5  # so that ranks also differ in which encoders they use
     alone = _gradients(distributed.start(device="cpu"), cfg, range(BATCHES))
     assert len({combo for combo, _ in alone}) > 2
-    of_ranks = in_two_processes(partial(_gradients, recompute_encoders=recompute), cfg, range(BATCHES))
-    for of_rank in of_ranks:
-        for (combo, theirs), (_, ours) in zip(alone, of_rank, strict=True):
+    for of_rank in in_two_processes(_gradients_both_ways, cfg, range(BATCHES)):
+        for (combo, theirs), (_, ours) in zip(2 * alone, of_rank, strict=True):
             assert _distance(ours, theirs) <= 1e-5 * _distance(theirs), combo
             for name, gradient in theirs.items():  # small ones are the differences of large numbers
                 error = _distance({name: ours[name]}, {name: gradient})
