@@ -19,6 +19,7 @@ from pcdet_avp.closed_loop.sweep.episode_row import Case, EpisodeRow
 from pcdet_avp.closed_loop.sweep.results import SUMMARY
 from pcdet_avp.errors import RecordError
 from pcdet_avp.files import write_json
+from pcdet_avp.folder_lock import sole_user
 from pcdet_avp.provenance import git_commit
 
 JOURNAL, CLAIM = "journal.jsonl", "sweep.json"
@@ -96,13 +97,17 @@ def _parsed(line: bytes, where: str) -> tuple[EpisodeRow, float]:
 
 @contextmanager
 def open_journal(folder: Path, claim: Mapping[str, Any]) -> Iterator[Journal]:
-    """The folder's journal, if what is to run agrees with what it holds (``claim``: name -> what must agree)."""
-    journal = Journal(folder)
-    try:
-        _claim(folder / CLAIM, json.loads(json.dumps(claim)))
-        yield journal
-    finally:
-        journal.close()
+    """The folder's journal, if what is to run agrees with what it holds (``claim``: name -> what must agree).
+
+    RecordError where it does not, or where another process has it open.
+    """
+    with sole_user(folder):
+        journal = Journal(folder)
+        try:
+            _claim(folder / CLAIM, json.loads(json.dumps(claim)))
+            yield journal
+        finally:
+            journal.close()
 
 
 def _claim(file: Path, claim: dict[str, Any]) -> None:

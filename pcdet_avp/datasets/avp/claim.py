@@ -8,10 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from pcdet_avp.datasets.avp.layout import PARTIAL_SUFFIX, clean_leftovers
-from pcdet_avp.datasets.avp.lock import LOCK_FILE, sole_maker
 from pcdet_avp.datasets.avp.made_by import check_made_by, complete
 from pcdet_avp.datasets.avp.manifest import MANIFEST_FILE, Manifest, read_manifest, write_manifest
 from pcdet_avp.errors import RecordError
+from pcdet_avp.folder_lock import LOCK_FILE, sole_user
 
 COMPARED = ("seed", "generator", "scenes", "class_names", "package_version")
 
@@ -22,7 +22,7 @@ def claimed(root: Path, manifest: Manifest) -> Iterator[None]:
     another data set lies there. The manifest is written, and what a killed run left behind is removed."""
     if root.exists() and not root.is_dir():
         raise RecordError(f"{root}: expected the folder of a data set, found a file")
-    with sole_maker(root):
+    with sole_user(root):
         _claim(root, manifest)
         yield
 

@@ -22,7 +22,7 @@ from pcdet_avp.closed_loop.sweep import journal as journal_module
 from pcdet_avp.closed_loop.sweep import sweep as sweep_module
 from pcdet_avp.closed_loop.sweep.case import run_case
 from pcdet_avp.closed_loop.sweep.episode_row import Case
-from pcdet_avp.closed_loop.sweep.journal import CLAIM, JOURNAL, Journal
+from pcdet_avp.closed_loop.sweep.journal import CLAIM, JOURNAL, Journal, open_journal
 from pcdet_avp.closed_loop.sweep.results import read_results
 from pcdet_avp.closed_loop.sweep.summary import EPISODES, SUMMARY, crash_text, summary, write_results
 from pcdet_avp.closed_loop.sweep.sweep import Sweep, run_sweep
@@ -242,6 +242,15 @@ def test_a_folder_with_another_sweep_is_not_mixed_up(reference, in_this_process)
         run_sweep(asked(seed=6), reference)
     with pytest.raises(RecordError, match="another closed_loop"):
         run_sweep(asked(closed_loop={**LOOP, "HOLD_TICKS": 9}), reference)
+
+
+def test_two_sweeps_at_once_in_a_folder_are_refused(tmp_path):
+    """Each would write tables without the other's episodes."""
+    taken = pytest.raises(RecordError, match=r"held by process \d+ on")
+    with open_journal(tmp_path, {}), taken, open_journal(tmp_path, {}):
+        pass
+    with open_journal(tmp_path, {}):
+        assert (tmp_path / JOURNAL).exists()
 
 
 def test_a_damaged_journal_is_one_clear_error(tmp_path):

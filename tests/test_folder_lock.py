@@ -8,16 +8,16 @@ import sys
 import pytest
 
 from pcdet_avp.datasets.avp.claim import claimed
-from pcdet_avp.datasets.avp.lock import LOCK_FILE, sole_maker
 from pcdet_avp.datasets.avp.manifest import Manifest, Scene, read_manifest
 from pcdet_avp.errors import RecordError
+from pcdet_avp.folder_lock import LOCK_FILE, sole_user
 
 pytest.importorskip("fcntl")
 HOLD = """
 import sys, time
 from pathlib import Path
-from pcdet_avp.datasets.avp.lock import sole_maker
-with sole_maker(Path(sys.argv[1])):
+from pcdet_avp.folder_lock import sole_user
+with sole_user(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(60)
 """
@@ -43,7 +43,7 @@ def test_the_second_maker_is_refused_and_the_first_goes_on(tmp_path):
 def test_the_lock_of_a_killed_process_is_none(tmp_path):
     process = subprocess.Popen([sys.executable, "-c", HOLD, tmp_path], stdout=subprocess.PIPE, text=True)
     assert process.stdout.readline() == "held\n"
-    with pytest.raises(RecordError, match=f"held by process {process.pid} on"), sole_maker(tmp_path):
+    with pytest.raises(RecordError, match=f"held by process {process.pid} on"), sole_user(tmp_path):
         pass
     process.send_signal(signal.SIGKILL)
     process.communicate()
@@ -56,5 +56,5 @@ def test_the_lock_of_a_killed_process_is_none(tmp_path):
 def test_a_folder_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "file").touch()
     folder = tmp_path / "file" / "set"
-    with pytest.raises(RecordError, match=r"file/set/\.lock: cannot be written"), sole_maker(folder):
+    with pytest.raises(RecordError, match=r"file/set/\.lock: cannot be written"), sole_user(folder):
         pass

@@ -1,4 +1,5 @@
-"""One maker of a data set at a time: two on one folder would remove each other's unfinished frames."""
+"""One process at a time in a folder: two makers of a data set would remove each other's unfinished frames, and of two
+sweeps the last one to end would leave tables without the other's episodes."""
 
 from __future__ import annotations
 
@@ -19,7 +20,7 @@ LOCK_FILE = ".lock"
 
 
 @contextmanager
-def sole_maker(root: Path) -> Iterator[None]:
+def sole_user(root: Path) -> Iterator[None]:
     """While the block lasts, no other process enters one for the folder ``root``, which is made; RecordError where one
     has.
 
@@ -61,7 +62,7 @@ def _lock(handle: int, file: Path) -> None:
     except BlockingIOError:
         holder = os.read(handle, 100).decode(errors="replace").strip() or "unknown"
         raise RecordError(
-            f"{file}: held by process {holder}, which makes data in this folder; expected none: wait until it ends"
+            f"{file}: held by process {holder}, which works in this folder; expected none: wait until it ends"
         ) from None
     except OSError:
         return  # a file system without locks
