@@ -34,6 +34,9 @@ def side_columns(cells: Sequence[Cell]) -> list[SideColumn]:
     columns += [column for name, column in MEASURED.items() if any(len(cell.measured(name)) for cell in cells)]
     if any(cell.crashes and cell.preventable is not None for cell in cells):
         columns.append(SideColumn("crashes that the oracle avoids on the same trials, of all crashes", _preventable))
+    if any(cell.crashes and cell.seen_in_time is not None and not _is_los(cell) for cell in cells):
+        heading = "crashes that line of sight (los) avoids with the same sensors on the same trials, of all crashes"
+        columns.append(SideColumn(heading, _seen_in_time, of_perception=True))
     if any(_has(cell, "first_detection_m") for cell in cells):
         heading = "first detection, m ahead of the bumper: median (episodes without any, %)"
         columns.append(SideColumn(heading, _first_detection, of_perception=True))
@@ -100,6 +103,14 @@ def _by_unit(cell: Cell) -> str:
 
 def _preventable(cell: Cell) -> str:
     return f"{'?' if cell.preventable is None else cell.preventable}/{cell.crashes}"
+
+
+def _seen_in_time(cell: Cell) -> str:
+    return f"{'?' if cell.seen_in_time is None else cell.seen_in_time}/{cell.crashes}"
+
+
+def _is_los(cell: Cell) -> bool:
+    return any(row["perception"] == "los" for row in cell.episodes)
 
 
 def _encroachment(cell: Cell) -> str:

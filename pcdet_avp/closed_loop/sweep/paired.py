@@ -39,12 +39,14 @@ def at_any_speed(rows: Mapping[float, Outcomes], speeds: Sequence[float]) -> Out
     return {trial: any(rows[v][trial] for v in speeds) for trial in common}
 
 
-def preventable(crashed: Sequence[int], oracle: Outcomes) -> int | None:
-    """Of the trials that crashed, those in which the oracle did not (ISO 34502's preventable ones); None where the
-    oracle has not driven all of them."""
-    if any(trial not in oracle for trial in crashed):
+def preventable(crashed: Sequence[int], better: Outcomes) -> int | None:
+    """Of the trials that crashed, those in which a better driver did not; None where it has not driven all of them.
+
+    Those that the oracle avoids are ISO 34502's preventable ones.
+    """
+    if any(trial not in better for trial in crashed):
         return None
-    return sum(not oracle[trial] for trial in crashed)
+    return sum(not better[trial] for trial in crashed)
 
 
 def median_difference(first: Mapping[int, float], second: Mapping[int, float]) -> float | None:

@@ -48,6 +48,7 @@ class Cell:
     trials: int
     episodes: tuple[Row, ...] = ()
     preventable: int | None = None  # of the crashes: those that the oracle avoids; None: it has not driven them all
+    seen_in_time: int | None = None  # those that ``los`` avoids with the same sensors; None likewise
 
     def values(self, column: str) -> np.ndarray:
         """(E,) the numbers of a column; NaN where an episode had nothing to measure (written as empty or inf)."""
@@ -126,14 +127,16 @@ def read_results(folder: Path) -> Results:
         raise EvaluationError(f"{folder / SUMMARY}: not a summary of a sweep ({error!r})") from error
     _check_agreement(folder, cells, rows)
     found = {key: Cell(*tally, tuple(rows[key])) for key, tally in cells.items() if tally[1]}
-    return Results(
-        meta, {key: replace(cell, preventable=_preventable(key, cell, found)) for key, cell in found.items()}
+    return Results(meta, {key: _beside_better_drivers(key, cell, found) for key, cell in found.items()})
+
+
+def _beside_better_drivers(key: CellKey, cell: Cell, cells: Mapping[CellKey, Cell]) -> Cell:
+    crashed = [trial for trial, crashed in cell.crashed().items() if crashed]
+    oracle, los = (
+        cells.get(other, Cell(0, 0)).crashed()
+        for other in (key._replace(perception="oracle", combo="any"), key._replace(perception="los"))
     )
-
-
-def _preventable(key: CellKey, cell: Cell, cells: Mapping[CellKey, Cell]) -> int | None:
-    oracle = cells.get(key._replace(perception="oracle", combo="any"), Cell(0, 0))
-    return preventable([trial for trial, crashed in cell.crashed().items() if crashed], oracle.crashed())
+    return replace(cell, preventable=preventable(crashed, oracle), seen_in_time=preventable(crashed, los))
 
 
 def _read_summary(file: Path) -> dict:

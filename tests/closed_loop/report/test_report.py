@@ -224,3 +224,16 @@ def test_of_all_crashes_those_that_the_oracle_avoids(tmp_path):
     assert "crashes that the oracle avoids" in text
     assert "| 3/5" in text
     assert "post-encroachment" not in text  # these files are older than the measures
+    assert "line of sight (los) avoids" not in text  # los is not held against itself
+
+
+def test_of_all_crashes_those_that_line_of_sight_avoids_with_the_same_sensors(tmp_path):
+    """At 8 m/s the network crashes in trials 0 to 4, ``los`` in 0 to 2 with these sensors; at 9 m/s it has not driven
+    the last crash."""
+    model, los = (("t_junction", who, "C+none") for who in ("model", "los"))
+    cells = {(*model, 8.0): (5, 20), (*los, 8.0): (3, 20), (*model, 9.0): (6, 20), (*los, 9.0): (2, 5)}
+    cells |= {("t_junction", "los", "CL+none", 8.0): (0, 20)}
+    text = write_report(write_sweep(tmp_path, cells)).read_text()
+    table = text.partition("line of sight (los) avoids")[2].partition("**T-junction")[0]
+    assert "| 2/5" in table
+    assert "| ?/6" in table
