@@ -18,7 +18,6 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from unittest.mock import patch
 
@@ -32,11 +31,13 @@ from pcdet_avp.closed_loop.perception.downlink import Downlink
 from pcdet_avp.closed_loop.perception.link_options import LINKS, LinkOptions
 from pcdet_avp.closed_loop.perception.network_perceiver import NetworkPerceiver
 from pcdet_avp.config import load_config
+from pcdet_avp.deploy.runtime import PRECISIONS
 from pcdet_avp.engine.testing.detect import parse_combos
 from pcdet_avp.freed_memory import keep_freed_memory
 from pcdet_avp.models.compression.map_packets import MapPacker
 from pcdet_avp.models.detectors.avp_cp import AvpCp
 from pcdet_avp.models.detectors.post_processing import PostProcessing
+from pcdet_avp.models.precision import chosen_precision
 from pcdet_avp.parallel import run_tasks
 from pcdet_avp.sim.scenarios.table import SCENARIOS, draw_scenario
 from pcdet_avp.structures.ego import BUMPER_X_M
@@ -103,7 +104,7 @@ def measure(job: tuple[argparse.Namespace, int]) -> dict[str, np.ndarray]:
 def measure_combo(args: argparse.Namespace, trial: int, combo: str) -> np.ndarray:
     cfg = load_config(args.cfg)
     driving = driving_network.load(args.cfg, (), args.ckpt) if args.ckpt else driving_network.untrained(cfg)
-    driving = replace(driving, amp=args.use_amp)
+    driving.network.precision = chosen_precision(args.precision, driving.device)
     scenario = draw_scenario(args.scenario, args.seed, trial, args.speed)
     perceiver, world = NetworkPerceiver(driving, LinkOptions(args.link)), scenario.world()
     perceiver.begin(scenario, scenario.seed_key)
@@ -132,7 +133,7 @@ def parse_arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cfg", default="cfgs/avp/cp_small.yaml")
     parser.add_argument("--ckpt", help="checkpoint; without it the weights are random")
-    parser.add_argument("--use_amp", action="store_true", help="compute in bf16")
+    parser.add_argument("--precision", choices=PRECISIONS, default="auto", help="of the network (default: auto)")
     parser.add_argument("--scenario", choices=list(SCENARIOS), default="t_junction")
     parser.add_argument("--combos", default="all")
     parser.add_argument("--link", choices=LINKS, default="ideal")
@@ -146,7 +147,7 @@ def parse_arguments() -> argparse.Namespace:
 def main() -> None:
     args = parse_arguments()
     weights = Path(args.ckpt).name if args.ckpt else "random weights"
-    print(f"{Path(args.cfg).stem}, {weights}, {args.scenario}, {args.link} link{', bf16' if args.use_amp else ''}")
+    print(f"{Path(args.cfg).stem}, {weights}, {args.scenario}, {args.link} link, precision {args.precision}")
     print(f"{args.ticks} ticks, workers: {args.workers}")
     jobs = [(args, trial) for trial in range(args.workers)]
     measured = [measure(jobs[0])] if args.workers == 1 else list(run_tasks(measure, jobs, args.workers))

@@ -35,7 +35,6 @@ def parse_arguments() -> argparse.Namespace:
     parser = config_parser("Crashes under block loss and delay.", weights=True)
     parser.add_argument("--ckpt", required=True, help="trained weights")
     add_runtime_arguments(parser)
-    parser.add_argument("--use_amp", action="store_true", help="compute in bf16")
     parser.add_argument("--scenario", default="t_junction")
     parser.add_argument("--combos", default="C+CL", help="names between commas")
     parser.add_argument("--speeds", nargs="+", type=float, default=[8.0], help="cruising speeds (m/s)")

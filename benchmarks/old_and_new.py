@@ -2,7 +2,7 @@
 
     git worktree add ../old c063a55
     python benchmarks/old_and_new.py --old ../old [--cfg cfgs/avp/cp_small_first.yaml] [--amp] [--threads 1]
-        [--train CL+CL]
+        [--precision auto] [--train CL+CL]
 
 Each side runs in a process of its own with its own checkout on the path, and the sides take turns: a round is one pass
 over all frames on one side, then on the other, and the next round starts with the other side. Printed are medians over
@@ -46,7 +46,8 @@ def main() -> None:
     parser.add_argument("--keep-frames", type=Path, help="a file that the frames are kept in and read from")
     parser.add_argument("--rounds", type=int, default=10)
     parser.add_argument("--threads", type=int, default=1)
-    parser.add_argument("--amp", action="store_true", help="bf16 on both sides")
+    parser.add_argument("--amp", action="store_true", help="torch's automatic bf16 for everything, on both sides")
+    parser.add_argument("--precision", default="float32", help="this checkout's (auto, float32, bf16); old is float32")
     parser.add_argument("--train", metavar="COMBO", help="a training iteration instead, with the sensors of a combo")
     parser.add_argument("--batch", type=int, default=1, help="frames of one training iteration")
     parser.add_argument("--worker", help=argparse.SUPPRESS)
@@ -66,7 +67,8 @@ def compare(args: argparse.Namespace) -> None:
             frames.write_bytes(pickle.dumps(capture_frames(args.cfg, args.frames)))
         load = os.getloadavg()[0]
         sides = {name: Side(name, args, frames) for name in ("old", "new")}
-        print(capability(sides["new"].ask("start")), f"{args.threads} thread(s),", "bf16" if args.amp else "float32")
+        started = sides["new"].ask("start")
+        print(capability(started), f"{args.threads} thread(s),", "bf16" if args.amp else f"new: {started['precision']}")
         sides["old"].ask("start")
         rounds = [run_round(sides, i) for i in range(args.rounds)]
         answers = {name: side.ask("answers") for name, side in sides.items()}
@@ -102,6 +104,7 @@ class Side:
             cfg, ckpt = args.new_cfg or cfg, args.new_ckpt or ckpt
         command = [sys.executable, __file__, "--worker", name, "--cfg", str(root / named_in(root, cfg)), "--ckpt", ckpt]
         command += ["--keep-frames", str(frames), "--threads", str(args.threads), "--batch", str(args.batch)]
+        command += ["--precision", args.precision if name == "new" else "float32"]
         command += ["--amp"] * args.amp + ["--train", str(args.train)] * bool(args.train)
         environment = {**os.environ, "PYTHONPATH": str(root), "OMP_WAIT_POLICY": "PASSIVE"}
         self._process = subprocess.Popen(
@@ -191,11 +194,24 @@ class Worker:
 
         keep_freed_memory()
         self.amp, self.threads, self.combo, self.size = args.amp, args.threads, args.train, args.batch
+        self.precision = self._chosen(args.precision)
         self.frames = pickle.loads(args.keep_frames.read_bytes())
         cfg = load_config(args.cfg)
         self.input = NetworkInput.from_config(cfg["DATA_CONFIG"], cfg["CLASS_NAMES"])
         self.network = self._network(cfg, args.ckpt)
+        if self.precision != "float32":
+            self.network.precision = self.precision
         self.spent: Times = defaultdict(list)
+
+    @staticmethod
+    def _chosen(precision: str) -> str:
+        if precision == "float32":  # all that older checkouts know
+            return precision
+        import torch
+
+        from pcdet_avp.models.precision import chosen_precision
+
+        return chosen_precision(precision, torch.device("cpu"))
 
     def _network(self, cfg, ckpt: str):
         import torch
@@ -215,7 +231,8 @@ class Worker:
             self.round()
         names = [line for line in Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("model name")]
         name = names[0].split(":")[1].strip() if names else "unknown processor"
-        return {"cpu": name, "torch": torch.__version__, "capability": torch.backends.cpu.get_cpu_capability()}
+        facts = {"cpu": name, "torch": torch.__version__, "precision": self.precision}
+        return {**facts, "capability": torch.backends.cpu.get_cpu_capability()}
 
     def round(self) -> Times:
         self.spent.clear()
@@ -259,6 +276,10 @@ class Worker:
         stack = contextlib.ExitStack()
         stack.enter_context(torch.inference_mode())
         stack.enter_context(torch.autocast("cpu", torch.bfloat16, enabled=self.amp))
+        if self.precision != "float32":
+            from pcdet_avp.models.precision import computing_in
+
+            stack.enter_context(computing_in(self.precision))
         return stack
 
     def _batch(self, frame, mask: tuple[bool, ...]) -> dict:

@@ -31,7 +31,7 @@ from pcdet_avp.engine.real_time import table
 from pcdet_avp.errors import AvpError, ConfigError
 from pcdet_avp.files import write_json
 from pcdet_avp.provenance import command, git_commit, machine, versions
-from pcdet_avp.runtime_arguments import add_runtime_arguments, check_runtime_arguments
+from pcdet_avp.runtime_arguments import add_runtime_arguments, check_runtime_arguments, precision_on_cpu
 
 HERE = Path(__file__).parent
 SMALL, WEIGHTS = "cfgs/avp/cp_small.yaml", "weights/cp_small.pth"
@@ -64,7 +64,7 @@ def free_port() -> int:
 def words(role: str, args: argparse.Namespace, summary: Path, *more: object) -> list[str]:
     """The command of a half."""
     given = [HERE / f"{role}.py", "--cfg", args.cfg, "--runtime", args.runtime, "--rate", args.rate_hz]
-    given += ["--exported", args.exported] if args.exported else ["--ckpt", args.ckpt]
+    given += ["--exported", args.exported] if args.exported else ["--ckpt", args.ckpt, "--precision", args.precision]
     given += ["--split", args.split, "--frames", args.frames, "--summary", summary, *more]
     given += ["--ignore_config", *args.ignore_config] if args.ignore_config else []
     given += ["--set", *args.overrides] if args.overrides else []
@@ -144,6 +144,7 @@ def main() -> None:
         found = run_both(args, Path(folder))
     loads = {"load_before": round(load, 1), "load_after": round(os.getloadavg()[0], 1)}
     about = {"command": command(), "git_commit": git_commit(), "versions": versions(), "machine": machine(), **loads}
+    about |= {"precision": precision_on_cpu(args)}
     for report in found.values():
         print("", *table(report), sep="\n")
     seen = found["vehicle"]["ticks"]["done"] / max(1, found["roadside_unit"]["ticks"]["done"])

@@ -54,7 +54,6 @@ def parse_arguments() -> argparse.Namespace:
     )
     parser.add_argument("--out", type=path, default=Path("output", "episodes"), help="default: output/episodes")
     parser.add_argument("--ckpt", type=path_text, help=f"for --perception model: {CKPT_HELP}")
-    parser.add_argument("--use_amp", action="store_true", help="compute in bf16")
     add_runtime_arguments(parser)
     add_link_arguments(parser)
     return parser.parse_args()

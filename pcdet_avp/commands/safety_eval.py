@@ -48,7 +48,6 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--fault", choices=FAULTS, metavar="F", help=f"a single fault: {', '.join(FAULTS)}")
     parser.add_argument("--ckpt", type=path_text, help=f"for --perception model: {CKPT_HELP}")
     add_runtime_arguments(parser)
-    parser.add_argument("--use_amp", action="store_true", help="compute in bf16; a tenth faster on CPUs that have it")
     parser.add_argument("--combos", default="all", help="all, or names between commas: C+none,C+CL")
     parser.add_argument("--speeds", nargs="+", type=positive_float, default=SPEEDS_MPS, help="cruising speeds (m/s)")
     parser.add_argument("--trials", type=positive_int, help="episodes per cell (default: 20)")

@@ -83,7 +83,8 @@ def _test(cfg, path: Path, combos: list[str], ranks, logger, args: argparse.Name
         if args.runtime != TORCH:
             raise ConfigError(f"--runtime {args.runtime}: a depth branch alone runs in {TORCH} only")
         return run_depth_test(cfg, name, path, ranks, logger, **how)
-    return run_test(cfg, name, path, combos, ranks, logger, wire=args.wire, runtime=args.runtime, **how)
+    how |= {"wire": args.wire, "runtime": args.runtime, "precision": args.precision}
+    return run_test(cfg, name, path, combos, ranks, logger, **how)
 
 
 def _tag(args: argparse.Namespace) -> str:

@@ -17,6 +17,7 @@ from pcdet_avp.errors import ExportError
 Arrays = dict[str, np.ndarray]
 Graph = Callable[[Arrays], Arrays]  # inputs by name -> outputs by name
 TORCH = "torch"  # by name the runtime that is none of these
+PRECISIONS = ("auto", "float32", "bf16")  # of torch; see ``models.precision``
 PRECISION_HINT = "INFERENCE_PRECISION_HINT"
 
 

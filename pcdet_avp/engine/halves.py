@@ -113,6 +113,7 @@ def _network(args: argparse.Namespace, cfg: Mapping, stages: Stages) -> tuple[An
     from pcdet_avp.models.weights.weights_hash import weights_hash
 
     network_input = NetworkInput.from_config(cfg["DATA_CONFIG"], cfg["CLASS_NAMES"])
-    network, content = load_network(cfg, args.ckpt, network_input, distributed.start(device="cpu"), logger)
+    ranks = distributed.start(device="cpu")
+    network, content = load_network(cfg, args.ckpt, network_input, ranks, logger, args.precision)
     network.stages = stages
     return network, network_number(weights_hash(content["model_state"]))

@@ -46,8 +46,10 @@ def test_a_runtime_belongs_to_the_network(call):
         call(
             safety_eval, "--runtime", "openvino", "--exported", "x", "--scenario", "t_junction", "--perception", "blind"
         )
-    given = ("--runtime", "onnxruntime", "--exported", "x", "--use_amp")
-    with pytest.raises(ConfigError, match="--use_amp belongs to --runtime torch, found onnxruntime"):
+    given = ("--runtime", "onnxruntime", "--exported", "x", "--precision", "bf16")
+    with pytest.raises(
+        ConfigError, match="--precision bf16 belongs to --runtime torch; onnxruntime computes"
+    ):
         call(safety_eval, *given, "--scenario", "t_junction", "--perception", "model")
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import hashlib
 import logging
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
@@ -28,7 +28,7 @@ from pcdet_avp.errors import CheckpointError, ConfigError, ExportError
 from pcdet_avp.evaluation.inputs import Detections
 from pcdet_avp.models import build_network
 from pcdet_avp.models.export.opened import open_deployed
-from pcdet_avp.models.precision import SLOW_BF16, emulates_bf16
+from pcdet_avp.models.precision import SLOW_BF16, chosen_precision, emulates_bf16
 from pcdet_avp.models.weights.checkpoint_file import THRESHOLDS_KEY, read_checkpoint
 from pcdet_avp.structures.frame import Frame
 from pcdet_avp.structures.roadside_unit import SECTION, MountedUnit, last_number, mounted_units
@@ -49,15 +49,13 @@ class DrivingNetwork:
     sensors: Mapping[str, Any]  # DATA_CONFIG.SENSORS
     facts: Mapping[str, Any]
     deployed: Deployed | None = None
-    amp: bool = False  # compute in bf16 where that is safe, as training with --use_amp does
     units: tuple[MountedUnit, ...] = ()  # DATA_CONFIG.ROADSIDE_UNITS; none: the one at the world's mast
     first_rows: Mapping[str, int] = field(default_factory=dict)  # by agent: rows of images above it are cut off unread
 
-    @contextmanager
-    def computing(self) -> Iterator[None]:
-        """What the network runs in: no gradients, the chosen precision."""
-        with torch.inference_mode(), torch.autocast(self.device.type, torch.bfloat16, enabled=self.amp):
-            yield
+    @staticmethod
+    def computing() -> AbstractContextManager:
+        """What the network runs in: no gradients."""
+        return torch.inference_mode()
 
     def detect(self, frame: Frame, sensor_set: SensorSet) -> Detections:
         """What it finds in a frame with these sensors, in the ego frame, at the driving thresholds.
@@ -115,11 +113,12 @@ def load(
     overrides: Sequence[str],
     ckpt: str | None,
     sha256: str | None = None,
-    amp: bool = False,
+    precision: str = "auto",
     ignore_config: Sequence[str] = (),
 ) -> DrivingNetwork:
     """The network of a configuration with the weights of a checkpoint; a process reads them once.
 
+    ``precision``: auto, float32 or bf16 (see ``models.precision``); what was taken is in ``facts``.
     ``ignore_config``: keys in which they may differ (see ``models.weights.agreement``). ``sha256`` is what the
     file must hash to: nobody must drive with other weights because training went on.
     """
@@ -128,7 +127,7 @@ def load(
         raise ConfigError(f"--perception model needs a configuration and trained weights: give {missing}")
     file = shipped.find_checkpoint(ckpt)
     written_ns, ignored = file.stat().st_mtime_ns, tuple(ignore_config)
-    return _load(str(cfg_file), tuple(overrides), str(file), written_ns, sha256, amp, ignored)
+    return _load(str(cfg_file), tuple(overrides), str(file), written_ns, sha256, precision, ignored)
 
 
 @lru_cache(maxsize=1)
@@ -138,7 +137,7 @@ def _load(
     ckpt: str,
     _written_ns: int,
     sha256: str | None,
-    amp: bool,
+    precision: str,
     ignored: tuple[str, ...],
 ) -> DrivingNetwork:
     """``_written_ns`` makes a file that was written anew be read anew."""
@@ -147,7 +146,8 @@ def _load(
         raise CheckpointError(f"{ckpt}: was written anew meanwhile; give a checkpoint that stays as it is")
     driving = untrained(cfg)
     _say_what_is_new_to_it(driving)
-    if amp and emulates_bf16(driving.device):
+    driving.network.precision = chosen_precision(precision, driving.device)
+    if driving.network.precision == "bf16" and emulates_bf16(driving.device):
         logger.warning(SLOW_BF16)
     load_model(driving.network, content, ckpt)
     thresholds = content.get(THRESHOLDS_KEY) or {}
@@ -158,8 +158,9 @@ def _load(
         "iterations": content.get("it"),
         "weights_hash": weights_hash(content["model_state"]),
         THRESHOLDS_KEY: dict(thresholds),
+        "precision": driving.network.precision,
     }
-    return replace(driving, facts=facts, amp=amp)
+    return replace(driving, facts=facts)
 
 
 def _say_what_is_new_to_it(driving: DrivingNetwork) -> None:

@@ -47,7 +47,7 @@ def _driving(settings: PerceiverSettings) -> DrivingNetwork:
     files, checks = (settings.cfg_file, settings.overrides, settings.ckpt), (settings.ckpt_sha256,)
     if settings.runtime != TORCH:
         return driving_network.load_exported(*files, settings.runtime, *checks, settings.ignore_config)
-    return driving_network.load(*files, *checks, settings.use_amp, settings.ignore_config)
+    return driving_network.load(*files, *checks, settings.precision, settings.ignore_config)
 
 
 class NetworkPerceiver:

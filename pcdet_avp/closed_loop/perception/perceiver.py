@@ -68,8 +68,8 @@ class PerceiverSettings:
     ``data_cfg`` is DATA_CONFIG as a plain dict (``SENSORS``, ``POINT_CLOUD_RANGE``, ``VOXEL_SIZE``, and
     ``ROADSIDE_UNITS`` where there is that section). The rest is read by ``model`` alone: the configuration file and its
     ``--set`` overrides, the checkpoint, the SHA-256 of its file (None: any), keys in which it may differ from the
-    configuration, whether it computes in bf16, and the link with its options (see ``link_options``). With another
-    ``runtime`` than torch, ``ckpt`` is an exported network's folder and the SHA-256 that of its manifest.
+    configuration, the precision (auto, float32 or bf16), and the link with its options (see ``link_options``). With
+    another ``runtime`` than torch, ``ckpt`` is an exported network's folder and the SHA-256 that of its manifest.
     """
 
     data_cfg: Mapping[str, Any]
@@ -78,7 +78,7 @@ class PerceiverSettings:
     ckpt: str | None = None
     ckpt_sha256: str | None = None
     ignore_config: tuple[str, ...] = ()
-    use_amp: bool = False
+    precision: str = "auto"
     runtime: str = "torch"
     link: str = "ideal"
     options: Mapping[str, Any] = field(default_factory=dict)

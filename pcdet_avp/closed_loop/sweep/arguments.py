@@ -17,11 +17,11 @@ from pcdet_avp.closed_loop.sweep.training_garages import trials_in_training_gara
 from pcdet_avp.config import apply_overrides, config_hash, ignoring, load_config, plain, require
 from pcdet_avp.config_check import check_values
 from pcdet_avp.deploy.manifest import MANIFEST
-from pcdet_avp.deploy.runtime import TORCH
+from pcdet_avp.deploy.runtime import PRECISIONS, TORCH
 from pcdet_avp.engine.outputs import RunFolder, choose_checkpoint
 from pcdet_avp.errors import CheckpointError, ConfigError
 from pcdet_avp.provenance import provenance
-from pcdet_avp.runtime_arguments import check_runtime_arguments
+from pcdet_avp.runtime_arguments import check_runtime_arguments, precision_on_cpu
 from pcdet_avp.sim.plans.read import read_plan
 from pcdet_avp.sim.scenarios.table import ON_PLAN, find_scenario
 from pcdet_avp.structures.roadside_unit import mounted_units
@@ -49,7 +49,7 @@ def sweep_of(args: argparse.Namespace, loop_file: Path) -> Sweep:
         perceiver |= _network(args, overrides)
     elif _network_options(args):
         raise ConfigError(
-            "--ckpt, --runtime, --exported, --use_amp, --ignore_config, --link and its options belong to "
+            "--ckpt, --runtime, --exported, --precision, --ignore_config, --link and its options belong to "
             f"--perception model, found {perception.name}"
         )
     if args.combos != "all" and not perception.uses_sensors:
@@ -82,12 +82,11 @@ def _network(args: argparse.Namespace, overrides: tuple[str, ...]) -> dict[str, 
     options = given_link_options(args)
     LinkOptions.of(args.link, options)  # raises if they conflict
     check_runtime_arguments(args)
-    if args.runtime != TORCH and args.use_amp:
-        raise ConfigError(f"--use_amp belongs to --runtime {TORCH}, found {args.runtime}, which computes in float32")
     # Absolute: a worker elsewhere must not take another file of the same name for it.
     files = {"cfg_file": str(shipped.find_config(args.cfg)), "overrides": overrides}
     files |= {**_weights(args), "ignore_config": tuple(args.ignore_config)}
-    return {**files, "use_amp": args.use_amp, "runtime": args.runtime, "link": args.link, "options": options}
+    files |= {"precision": precision_on_cpu(args)}  # chosen once, here: all workers and a resumed sweep agree
+    return {**files, "runtime": args.runtime, "link": args.link, "options": options}
 
 
 def _weights(args: argparse.Namespace) -> dict[str, str]:
@@ -101,7 +100,7 @@ def _weights(args: argparse.Namespace) -> dict[str, str]:
 
 def _network_options(args: argparse.Namespace) -> bool:
     """Whether anything was given that belongs to ``model`` alone."""
-    given = (args.ckpt, args.exported, args.use_amp, args.ignore_config, given_link_options(args))
+    given = (args.ckpt, args.exported, args.precision != PRECISIONS[0], args.ignore_config, given_link_options(args))
     return any(given) or args.link != "ideal" or args.runtime != TORCH
 
 
@@ -126,9 +125,12 @@ def _identity(perception: PerceptionKind, cfg: dict, perceiver: dict[str, Any]) 
         return {"data_cfg": {key: perceiver["data_cfg"][key] for key in MAP_KEYS}}
     if not perception.uses_network:
         return {"data_cfg": perceiver["data_cfg"]}
-    weights, keys = perceiver["ckpt_sha256"], ["use_amp", "link", "options"]
-    keys += ["runtime"] * (perceiver["runtime"] != TORCH)  # sweeps from before there was a choice go on
-    return {"config_hash": config_hash(cfg), "weights": weights, **{key: perceiver[key] for key in keys}}
+    identity = {"config_hash": config_hash(cfg), "weights": perceiver["ckpt_sha256"]}
+    identity |= {key: perceiver[key] for key in ("link", "options")}
+    # Sweeps from before there was a choice of these go on.
+    identity |= {"runtime": perceiver["runtime"]} if perceiver["runtime"] != TORCH else {}
+    in_float32 = perceiver["precision"] == "float32"
+    return identity | ({"use_amp": False} if in_float32 else {"precision": perceiver["precision"]})
 
 
 def file_hash(path: Path) -> str:
@@ -157,7 +159,7 @@ def sweep_meta(args: argparse.Namespace, sweep: Sweep, started: float) -> dict[s
         IN_TRAINING_GARAGES: known_trials(args, sweep),
         "closed_loop": dict(sweep.closed_loop),
         "search": sweep.search,
-        "use_amp": args.use_amp,
+        "precision": sweep.perceiver.get("precision"),
         "runtime": args.runtime,
         "link": args.link,
         "link_options": given_link_options(args),

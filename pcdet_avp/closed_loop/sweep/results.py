@@ -25,7 +25,7 @@ from pcdet_avp.structures.sensor_set import SENSOR_SETS
 SUMMARY, EPISODES = "summary.json", "episodes.csv"
 PERCEPTIONS = "perceptions"  # of meta: perception -> ``MADE_FROM``; elsewhere in meta they are the last command's
 IN_TRAINING_GARAGES = "trials_in_training_garages"  # of a network (``training_garages``)
-MADE_FROM = ("config", "config_hash", "weights_hash", "git_commit", "use_amp", "runtime", "link", "link_options")
+MADE_FROM = ("config", "config_hash", "weights_hash", "git_commit", "precision", "runtime", "link", "link_options")
 MADE_FROM += (IN_TRAINING_GARAGES,)
 Counts = tuple[int, int]  # crashes, trials
 Row = Mapping[str, Any]  # an episode's columns as text

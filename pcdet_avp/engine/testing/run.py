@@ -26,6 +26,7 @@ from pcdet_avp.files import write_json, write_text
 from pcdet_avp.link.map_size import UNLIMITED
 from pcdet_avp.models import build_network
 from pcdet_avp.models.compression.wire import Wire
+from pcdet_avp.models.precision import chosen_precision
 from pcdet_avp.models.weights.checkpoint_file import THRESHOLDS_KEY, read_checkpoint
 from pcdet_avp.provenance import provenance
 
@@ -68,12 +69,13 @@ class BenchmarkResult:
 
 
 def load_network(
-    cfg: Mapping, path: Path, dataset: Any, ranks: Ranks, logger: logging.Logger
+    cfg: Mapping, path: Path, dataset: Any, ranks: Ranks, logger: logging.Logger, precision: str = "float32"
 ) -> tuple[nn.Module, dict[str, Any]]:
-    """(network with the checkpoint's weights, the checkpoint's content)."""
+    """(network with the checkpoint's weights, the checkpoint's content). ``precision`` as in ``models.precision``."""
     content = read_checkpoint(path)
     model = build_network(cfg.MODEL, len(cfg.CLASS_NAMES), dataset).to(ranks.device)
     checkpoint.load_model(model, content, path, logger)
+    model.precision = chosen_precision(precision, ranks.device)
     logger.info(f"{path}: iteration {content.get('it', '?')}")
     return model.eval(), content
 
@@ -92,6 +94,7 @@ def run_test(
     wire: bool = False,
     started: float | None = None,
     runtime: str = TORCH,
+    precision: str = "auto",
 ) -> BenchmarkResult:
     """Evaluate a checkpoint on a split; ``wire`` sends every roadside map through encoded bytes.
 
@@ -99,7 +102,7 @@ def run_test(
     """
     dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split=split, logger=logger)
     if runtime == TORCH:
-        model, content = load_network(cfg, path, dataset, ranks, logger)
+        model, content = load_network(cfg, path, dataset, ranks, logger, precision)
         check_same_split(content, cfg["DATA_CONFIG"], path)
         content["seen_before"] = seen_before(content, dataset)
         content["weights_hash"] = checkpoint.weights_hash(content["model_state"])
@@ -113,7 +116,8 @@ def run_test(
     seed = content.get("sampler", {}).get("seed")
     meta = provenance(cfg, config_name, seed=seed, weights_hash=content["weights_hash"], started=started)
     gains = roadside_gains(dataset, found.detections)
-    meta |= _about(path, content, dataset, wire) | {"split_by": protocol_of(cfg["DATA_CONFIG"])}
+    meta |= _about(path, content, dataset, wire) | {"precision": getattr(model, "precision", "float32")}
+    meta |= {"split_by": protocol_of(cfg["DATA_CONFIG"])}
     meta |= {"seen_before": content["seen_before"]} if content.get("seen_before") else {}
     return BenchmarkResult(meta, rows, texts, found.detections, gains)
 

@@ -11,6 +11,7 @@ from pcdet_avp.errors import ConfigError, GeometryError
 from pcdet_avp.models.memory_layout import for_convolutions
 from pcdet_avp.models.norm import make_norm, norm_relu
 from pcdet_avp.models.pointwise import PointwiseConvTranspose2d
+from pcdet_avp.models.precision import convolutions
 from pcdet_avp.registry import BACKBONES_2D
 
 
@@ -47,15 +48,16 @@ class BaseBEVBackbone(nn.Module):
         return {**batch_dict, "spatial_features_2d": self.encode(batch_dict["spatial_features"])}
 
     def encode(self, x: Tensor) -> Tensor:
-        """(B, C, H, W) -> (B, num_bev_features, H', W')."""
+        """(B, C, H, W) -> (B, num_bev_features, H', W'), in bf16 where convolutions are (``models.precision``)."""
         if x.shape[2] % self._divisor or x.shape[3] % self._divisor:
             raise GeometryError(f"BACKBONE_2D: a map of {x.shape[2]} x {x.shape[3]} does not divide by {self._divisor}")
         x = for_convolutions(x)
         scales = []
-        for block, deblock in zip(self.blocks, self.deblocks, strict=True):
-            x = block(x)
-            scales.append(deblock(x))
-        return torch.cat(scales, 1)
+        with convolutions():
+            for block, deblock in zip(self.blocks, self.deblocks, strict=True):
+                x = block(x)
+                scales.append(deblock(x))
+            return torch.cat(scales, 1)
 
 
 class ConvStage(nn.Sequential):

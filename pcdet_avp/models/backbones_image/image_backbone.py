@@ -12,7 +12,8 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from pcdet_avp.errors import ConfigError
-from pcdet_avp.models.backbones_image.resnet import DEPTHS, IMAGENET_MEAN, IMAGENET_STD, ResNet
+from pcdet_avp.models.backbones_image.resnet import DEPTHS, IMAGENET_MEAN, IMAGENET_STD, PATCH, ResNet
+from pcdet_avp.models.cpu_kernels import patches
 from pcdet_avp.models.memory_layout import for_convolutions
 from pcdet_avp.models.norm import drop_foreign_norms, make_norm, norm_relu
 from pcdet_avp.models.pointwise import PointwiseConv2d
@@ -43,6 +44,10 @@ class ImageBackbone(nn.Module):
         self.register_buffer("std", torch.tensor(IMAGENET_STD).view(3, 1, 1), persistent=False)
 
     def forward(self, images: Tensor) -> Tensor:
+        stem = self.resnet.patch_stem
+        if stem is not None and patches.fits(images):
+            x = stem.of_patches(patches.normalised_patches(images, self.mean, self.std, PATCH))
+            return self.neck(self.resnet.behind_stem(x))
         images = (images - self.mean) / self.std
         return self.neck(self.resnet(for_convolutions(images)))
 

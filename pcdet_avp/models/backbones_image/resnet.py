@@ -44,7 +44,10 @@ class ResNet(nn.Module):
             self.add_module(f"layer{i + 1}", nn.Sequential(*stage))
 
     def forward(self, images: Tensor) -> list[Tensor]:
-        x = self._stem(images)
+        return self.behind_stem(self._stem(images))
+
+    def behind_stem(self, x: Tensor) -> list[Tensor]:
+        """The stages' maps of what the stem made."""
         stages = []
         for i in range(self.num_stages):
             x = getattr(self, f"layer{i + 1}")(x)
@@ -68,8 +71,11 @@ class PatchStem(nn.Module):
 
     def forward(self, images: Tensor) -> Tensor:
         below, right = (-n % PATCH for n in images.shape[2:])
-        patches = F.pixel_unshuffle(F.pad(images, (0, right, 0, below)), PATCH)
-        return norm_relu(self.norm, self.conv(for_convolutions(patches)))
+        return self.of_patches(for_convolutions(F.pixel_unshuffle(F.pad(images, (0, right, 0, below)), PATCH)))
+
+    def of_patches(self, patches: Tensor) -> Tensor:
+        """(B, 48, h', w') -> (B, channels, h', w')."""
+        return norm_relu(self.norm, self.conv(patches))
 
 
 class BasicBlock(nn.Module):

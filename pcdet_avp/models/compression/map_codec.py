@@ -14,6 +14,7 @@ from pcdet_avp.errors import ConfigError
 from pcdet_avp.link.map_size import MapSize
 from pcdet_avp.models.compression.rounding import PRECISIONS, round_to
 from pcdet_avp.models.compression.sparsify import CellThreshold
+from pcdet_avp.models.cpu_kernels import reduction
 from pcdet_avp.models.cpu_kernels.dispatch import usable_in_training
 from pcdet_avp.models.pointwise import pointwise
 from pcdet_avp.models.precision import full_precision, without_autocast
@@ -45,8 +46,14 @@ class MapCodec(nn.Module):
         if x.shape[2] % self.pooling or x.shape[3] % self.pooling:
             raise ConfigError(f"COMPRESSION: a map of {tuple(x.shape[2:])} cells cannot be pooled by 2 x 2")
         with torch.autocast(x.device.type, enabled=False):
-            latent, loss = self.sparsify(F.max_pool2d(self._reduce(full_precision(x)), self.pooling))
+            latent, loss = self.sparsify(self._pooled(full_precision(x)))
             return round_to(latent, self.precision) + 0.0, loss  # + 0.0: no negative zeros
+
+    def _pooled(self, x: Tensor) -> Tensor:
+        """(B, C, H, W) -> (B, C / 8, H / 2, W / 2)."""
+        if reduction.fits(x, self.reduce.weight, self.pooling):
+            return reduction.reduced_and_pooled(x, self.reduce.weight)
+        return F.max_pool2d(self._reduce(x), self.pooling)
 
     def _reduce(self, x: Tensor) -> Tensor:
         """``reduce``, summed in float64: then rounding to float32 hides who added in which order, and a map gives the

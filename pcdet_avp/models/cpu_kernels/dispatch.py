@@ -27,15 +27,23 @@ def usable_in_training(*tensors: Tensor) -> bool:
     return torch.is_grad_enabled() and _fit(tensors)
 
 
+def usable_in_bf16(*tensors: Tensor) -> bool:
+    """As ``usable``, for a kernel that reads bf16 and float32, where bf16 is the automatic precision."""
+    in_bf16 = torch.is_autocast_enabled("cpu") and torch.get_autocast_dtype("cpu") == torch.bfloat16
+    return in_bf16 and not torch.is_grad_enabled() and _ordinary(tensors, (torch.bfloat16, torch.float32))
+
+
 def _fit(tensors: tuple[Tensor, ...]) -> bool:
-    """Whether they are ordinary tensors on a CPU, in float32, without automatic precision, and nothing records the
-    operations (export, compilation, tracing)."""
-    if not _allowed or torch.is_autocast_enabled("cpu"):
-        return False
-    if torch.compiler.is_compiling() or torch.jit.is_tracing():
+    """Whether they are ordinary tensors on a CPU, in float32, without automatic precision."""
+    return not torch.is_autocast_enabled("cpu") and _ordinary(tensors, (torch.float32,))
+
+
+def _ordinary(tensors: tuple[Tensor, ...], dtypes: tuple[torch.dtype, ...]) -> bool:
+    """Whether they lie on a CPU, and nothing records the operations (export, compilation, tracing)."""
+    if not _allowed or torch.compiler.is_compiling() or torch.jit.is_tracing():
         return False
     kinds = (Tensor, nn.Parameter)
-    return all(type(t) in kinds and t.device.type == "cpu" and t.dtype == torch.float32 for t in tensors)
+    return all(type(t) in kinds and t.device.type == "cpu" and t.dtype in dtypes for t in tensors)
 
 
 @contextmanager

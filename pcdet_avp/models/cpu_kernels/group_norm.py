@@ -7,7 +7,8 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from pcdet_avp.models.cpu_kernels.dispatch import OPTIONS, array_of, cells_last, usable
+from pcdet_avp.models.cpu_kernels.bfloat16 import bits_of, single, stored
+from pcdet_avp.models.cpu_kernels.dispatch import OPTIONS, array_of, usable, usable_in_bf16
 
 CHUNK_PIXELS = 128  # summed in single precision, everything above in double
 
@@ -17,19 +18,26 @@ def fits(norm: nn.Module, x: Tensor, shortcut: Tensor | None) -> bool:
     if type(norm) is not nn.GroupNorm or not norm.affine or x.dim() != 4 or not x.numel():
         return False
     maps = (x,) if shortcut is None else (x, shortcut)
-    return usable(*maps, norm.weight) and x.is_contiguous(memory_format=torch.channels_last)
+    if not usable(*maps, norm.weight) and not (x.dtype == torch.bfloat16 and usable_in_bf16(*maps)):
+        return False
+    return x.is_contiguous(memory_format=torch.channels_last)
 
 
 def norm_relu(norm: nn.GroupNorm, x: Tensor, shortcut: Tensor | None) -> Tensor:
-    """relu(norm(x) + shortcut), (B, C, H, W) each; x is overwritten."""
-    cells = cells_last(x)
-    added = cells if shortcut is None else cells_last(shortcut)
+    """relu(norm(x) + shortcut), (B, C, H, W) each, float32 or bf16; x is overwritten, sums are taken in full."""
+    cells = _cells_last(x)
+    added = cells if shortcut is None else _cells_last(shortcut)
     weight, bias = array_of(norm.weight), array_of(norm.bias)
     for sample in range(len(cells)):
         rows, more = (a[sample].reshape(-1, cells.shape[3]) for a in (cells, added))
         scale, shift = affine(rows, weight, bias, norm.num_groups, norm.eps)
         scale_and_relu(rows, scale, shift, more, shortcut is not None)
     return x
+
+
+def _cells_last(x: Tensor) -> np.ndarray:
+    """(B, H, W, C), of the same memory where the channels lie side by side there."""
+    return bits_of(x.detach().permute(0, 2, 3, 1).contiguous())
 
 
 @numba.njit(**OPTIONS)
@@ -39,7 +47,9 @@ def affine(rows, weight, bias, groups, eps):
     Sums are of differences to the first pixel, so that a mean far from zero costs no digits of the variance.
     """
     pixels, channels = rows.shape
-    pivot = rows[0].copy()
+    pivot = np.empty(channels, np.float32)
+    for c in range(channels):
+        pivot[c] = single(rows[0, c])
     sums, squares = np.zeros(channels), np.zeros(channels)
     part, part_squares = np.empty(channels, np.float32), np.empty(channels, np.float32)
     for start in range(0, pixels, CHUNK_PIXELS):
@@ -47,7 +57,7 @@ def affine(rows, weight, bias, groups, eps):
         part_squares[:] = 0
         for pixel in range(start, min(start + CHUNK_PIXELS, pixels)):
             for c in range(channels):
-                difference = rows[pixel, c] - pivot[c]
+                difference = single(rows[pixel, c]) - pivot[c]
                 part[c] += difference
                 part_squares[c] += difference * difference
         for c in range(channels):
@@ -76,9 +86,9 @@ def scale_and_relu(rows, scale, shift, more, add):
     for pixel in range(rows.shape[0]):
         if add:
             for c in range(rows.shape[1]):
-                value = rows[pixel, c] * scale[c] + shift[c] + more[pixel, c]
-                rows[pixel, c] = zero if value < zero else value
+                value = single(rows[pixel, c]) * scale[c] + shift[c] + single(more[pixel, c])
+                rows[pixel, c] = stored(rows, zero if value < zero else value)
         else:
             for c in range(rows.shape[1]):
-                value = rows[pixel, c] * scale[c] + shift[c]
-                rows[pixel, c] = zero if value < zero else value
+                value = single(rows[pixel, c]) * scale[c] + shift[c]
+                rows[pixel, c] = stored(rows, zero if value < zero else value)

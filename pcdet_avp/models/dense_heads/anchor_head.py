@@ -17,6 +17,7 @@ from pcdet_avp.models.dense_heads.box_coder import decode, direction_class, enco
 from pcdet_avp.models.dense_heads.losses import box_loss, shared_normaliser, sigmoid_focal_loss
 from pcdet_avp.models.dense_heads.target_assignment import Assignment, assign, check_targets
 from pcdet_avp.models.pointwise import convolve_to_cells_last
+from pcdet_avp.models.precision import convolutions, full_precision
 from pcdet_avp.registry import DENSE_HEADS
 from pcdet_avp.structures.bev_grid import BevGrid
 
@@ -97,7 +98,9 @@ class AnchorHeadSingle(nn.Module):
         if tuple(x.shape[2:]) != self.map_shape:
             raise GeometryError(f"DENSE_HEAD: anchors lie on a map of {self.map_shape}, found {tuple(x.shape[2:])}")
         layers = [layer for layer in (self.conv_cls, self.conv_box, self.conv_dir_cls) if layer is not None]
-        scores, codes, *directions = convolve_together(layers, x)
+        with convolutions():
+            outputs = convolve_together(layers, x)
+        scores, codes, *directions = outputs if torch.is_grad_enabled() else map(full_precision, outputs)
         out = {"cls_preds": per_anchor(scores, self.num_class), "box_preds": per_anchor(codes, 7)}
         out["dir_cls_preds"] = per_anchor(*directions, self.bins) if directions else None
         if not self.training or self.predict_when_training:

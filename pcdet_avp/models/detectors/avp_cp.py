@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial, reduce
 from typing import Any
 
 import torch
@@ -16,13 +17,16 @@ from pcdet_avp.models.detectors.map_dropout import drop_roadside_maps, drop_segm
 from pcdet_avp.models.detectors.post_processing import PostProcessing
 from pcdet_avp.models.fusion.register import RegisterMaps
 from pcdet_avp.models.fusion.units import merge_units
+from pcdet_avp.models.precision import computing_in
 from pcdet_avp.models.recompute import recomputed
+from pcdet_avp.models.side_by_side import pays, side_by_side
 from pcdet_avp.models.weights.agreement import NetworkMeaning
 from pcdet_avp.registration import RegistrationSettings
 from pcdet_avp.registry import DETECTORS
 from pcdet_avp.structures.sensor_set import EGO_SOURCES, INFRA_SOURCES, SOURCES, modality_of
 from pcdet_avp.structures.stage_times import untimed
 
+BY_SOURCE = ("bev_maps", "bev_valid", "depth_logits")  # what encoders write
 Link = Callable[[dict], dict]
 
 
@@ -40,10 +44,12 @@ class AvpCp(LoadableDetector):
     One set of weights serves any non-empty subset of the four sources, sample by sample (``source_present``).
     ``link`` maps the roadside's latents, by source, to what the vehicle received of them: whoever sends real bytes
     puts the wire there. ``recompute_encoders``: training keeps no activations of the encoders (``models.recompute``).
+    ``precision``: of inference, float32 or bf16 (``models.precision``).
     ``stages``: what each stage's work runs in (``structures.stage_times``); on a GPU it sees when work is handed over.
     """
 
     recompute_encoders = False
+    precision = "float32"
     stages = staticmethod(untimed)
 
     def __init__(self, model_cfg: Any, num_class: int, dataset: Any) -> None:
@@ -93,9 +99,10 @@ class AvpCp(LoadableDetector):
 
         Where MODEL.REGISTRATION is on, except in training, the received maps are registered first.
         """
-        for name, stage in self._behind_the_link():
-            with self.stages(name):
-                batch_dict = stage(batch_dict)
+        with computing_in(self.precision):
+            for name, stage in self._behind_the_link():
+                with self.stages(name):
+                    batch_dict = stage(batch_dict)
         return batch_dict
 
     def _behind_the_link(self) -> Iterator[tuple[str, Callable[[dict], dict]]]:
@@ -115,10 +122,12 @@ class AvpCp(LoadableDetector):
         """Maps of every source that any sample has; the encoders of the others do not run at all."""
         batch_dict = {**batch_dict, "bev_maps": {}, "bev_valid": {}}
         anywhere = batch_dict["source_present"].any(0).tolist()
-        for source in sources:
-            if anywhere[SOURCES.index(source)]:
-                batch_dict = self._encode_source(batch_dict, source)
-        return batch_dict
+        present = [source for source in sources if anywhere[SOURCES.index(source)]]
+        with computing_in(self.precision):
+            if pays(batch_dict["source_present"]):
+                tasks = [partial(self._encode_source, batch_dict, source) for source in present]
+                return reduce(_joined, side_by_side(tasks), batch_dict)
+            return reduce(self._encode_source, present, batch_dict)
 
     def _encode_source(self, batch_dict: dict, source: str) -> dict:
         encoder = self.encoder_of(source)
@@ -146,6 +155,12 @@ class AvpCp(LoadableDetector):
         if hasattr(self.codec, "get_loss"):
             yield self.codec.get_loss(batch_dict)
         yield self.dense_head.get_loss(batch_dict)
+
+
+def _joined(batch_dict: dict, encoded: dict) -> dict:
+    """What two encoders wrote, each by the names of its sources."""
+    written = {key: {**batch_dict.get(key, {}), **encoded[key]} for key in BY_SOURCE if key in encoded}
+    return {**batch_dict, **encoded, **written}
 
 
 def check_sources(batch_dict: dict) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import torch
 from torch import Tensor, nn
 
 from pcdet_avp.errors import ConfigError, SensorError
@@ -13,6 +14,7 @@ from pcdet_avp.models.backbones_image.depth_loss import DepthLoss
 from pcdet_avp.models.backbones_image.foreground import foreground_mask
 from pcdet_avp.models.backbones_image.image_backbone import STRIDE, ImageBackbone
 from pcdet_avp.models.encoders.encoder import present_rows, suffix_of
+from pcdet_avp.models.precision import convolutions, full_precision
 from pcdet_avp.structures.sensor_set import agent_of
 
 IMAGE_KEYS = ("images", "trans_lidar_to_cam", "trans_cam_to_img")
@@ -43,8 +45,11 @@ class DepthBranch(nn.Module):
         images = batch_dict["images" + suffix_of(source)]
         if images.dim() != 4 or images.shape[1] != 3:
             raise SensorError(f"images of {source}: expected shape (B, 3, h, w), found {tuple(images.shape)}")
-        features = self.image_backbone(images[rows, :, self.crop_px[agent_of(source)] :])
-        return features, self.depth_head(features)
+        images = images if len(rows) == len(images) else images[rows]
+        with convolutions():
+            features = self.image_backbone(images[:, :, self.crop_px[agent_of(source)] :])
+            logits = self.depth_head(features)
+        return (features, logits) if torch.is_grad_enabled() else (full_precision(features), full_precision(logits))
 
     def get_loss(self, batch_dict: dict, source: str) -> tuple[Tensor, dict[str, Tensor]]:
         """The depth distribution's loss, summed over the samples that have the camera, over the batch size.

@@ -12,6 +12,7 @@ from pcdet_avp.closed_loop.perception.vehicle_unit import Onboard
 from pcdet_avp.config import load_config
 from pcdet_avp.engine.checkpoint import save
 from pcdet_avp.errors import CheckpointError, ConfigError, SensorError
+from pcdet_avp.models import precision
 from pcdet_avp.models.weights.checkpoint_file import THRESHOLDS_KEY
 from pcdet_avp.structures.frame import AgentView, Frame
 from pcdet_avp.structures.pose import Pose
@@ -83,8 +84,17 @@ def test_a_network_needs_a_configuration_and_weights(cfg, with_weights, flag, ck
 @pytest.mark.parametrize(("cpu", "slow"), [("AVX2", True), ("AVX512", False)])
 def test_a_cpu_without_bf16_instructions_is_warned_of(ckpt, monkeypatch, caplog, cpu, slow):
     monkeypatch.setattr(torch.backends.cpu, "get_cpu_capability", lambda: cpu)
-    driving_network.load(CFG, ("MODEL.ROADSIDE_MAP_DROPOUT", "0.0" if slow else "0.1"), ckpt, amp=True)
+    other = ("MODEL.ROADSIDE_MAP_DROPOUT", "0.0" if slow else "0.1")  # so that nothing remembered is taken
+    driving = driving_network.load(CFG, other, ckpt, precision="bf16")
     assert ("several times slower" in caplog.text) == slow
+    assert driving.facts["precision"] == "bf16"
+
+
+@pytest.mark.parametrize(("fast", "taken"), [(True, "bf16"), (False, "float32")])
+def test_the_precision_is_that_of_the_cpu_and_named(ckpt, monkeypatch, fast, taken):
+    monkeypatch.setattr(precision, "has_bf16_instructions", lambda: fast)
+    driving = driving_network.load(CFG, ("MODEL.ROADSIDE_MAP_DROPOUT", "0.2" if fast else "0.3"), ckpt)
+    assert (driving.facts["precision"], driving.network.precision) == (taken, taken)
 
 
 def test_weights_of_another_configuration_are_named(ckpt):

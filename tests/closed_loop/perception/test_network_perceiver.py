@@ -99,11 +99,26 @@ def test_corrections_by_registration_are_remembered_for_one_episode(scene):
     assert not off._half._memory
 
 
-def test_bf16_finds_nearly_the_same(driving, scene):
+def test_bf16_finds_nearly_the_same(driving, scene, monkeypatch):
     exact = drive(driving, scene, ["CL+CL"])[0]
-    rough = drive(replace(driving, amp=True), scene, ["CL+CL"])[0]
+    monkeypatch.setattr(driving.network, "precision", "bf16")
+    rough = drive(driving, scene, ["CL+CL"])[0]
     assert not same(exact, rough)
     np.testing.assert_allclose(rough.scores[:100], exact.scores[:100], rtol=0.05)
+
+
+@pytest.mark.parametrize("precision", ["float32", "bf16"])
+def test_two_threads_find_the_same(driving, scene, monkeypatch, precision):
+    """The encoders then run side by side; inside an operation the order of sums may change."""
+    monkeypatch.setattr(driving.network, "precision", precision)
+    alone = drive(driving, scene, ["CL+CL"])[0]
+    threads = torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        together = drive(driving, scene, ["CL+CL"])[0]
+    finally:
+        torch.set_num_threads(threads)
+    np.testing.assert_allclose(together.scores, alone.scores, atol=1e-5 if precision == "float32" else 0.01)
 
 
 def test_messages_tell_size_and_age(driving, scene):

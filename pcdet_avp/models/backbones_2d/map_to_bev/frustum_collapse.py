@@ -40,7 +40,7 @@ def frustum_collapse(
     same kind and takes one pixel instead of four, at less than half of the cost.
     """
     if sampling == "trilinear" and usable(features, probabilities, weight):
-        return kernels.collapse(features, probabilities, _as_matrix(weight.detach()), projection)
+        return kernels.collapse(features, probabilities, as_matrix(weight.detach()), projection)
     return _FrustumCollapse.apply(features, probabilities, weight, projection, sampling)
 
 
@@ -49,7 +49,7 @@ class _FrustumCollapse(torch.autograd.Function):
     def forward(ctx, features, probabilities, weight, projection, sampling):
         ctx.save_for_backward(features, probabilities, weight)
         ctx.projection, ctx.sampling = projection, sampling
-        matrix = _as_matrix(weight)
+        matrix = as_matrix(weight)
         if sampling == "trilinear" and usable(features, probabilities, weight):
             return kernels.collapse(features, probabilities, matrix, projection)
         collapsed = features.new_empty(len(projection.columns), len(weight))
@@ -63,7 +63,7 @@ class _FrustumCollapse(torch.autograd.Function):
     @without_autocast
     def backward(ctx, grad):
         features, probabilities, weight = ctx.saved_tensors
-        matrix = _as_matrix(weight)
+        matrix = as_matrix(weight)
         if ctx.sampling == "trilinear" and usable(features, probabilities, matrix, grad):
             *grads, d_matrix = kernels.collapse_gradients(features, probabilities, matrix, ctx.projection, grad)
             return *grads, _as_weight(d_matrix, weight), None, None
@@ -122,7 +122,7 @@ def _chunks(projection: VoxelProjection) -> Iterator[slice]:
     return (slice(start, min(start + step, columns)) for start in range(0, columns, step))
 
 
-def _as_matrix(weight: Tensor) -> Tensor:
+def as_matrix(weight: Tensor) -> Tensor:
     """(C_out, C, Z) -> (Z * C, C_out): one row per channel of a column's stacked heights."""
     return weight.permute(2, 1, 0).reshape(-1, len(weight))
 

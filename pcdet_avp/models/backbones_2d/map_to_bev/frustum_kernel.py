@@ -11,16 +11,20 @@ import torch
 from torch import Tensor
 
 from pcdet_avp.models.backbones_2d.map_to_bev.voxel_projection import VoxelProjection
+from pcdet_avp.models.cpu_kernels.bfloat16 import bits_of, stored
 from pcdet_avp.models.cpu_kernels.dispatch import OPTIONS, array_of
+from pcdet_avp.models.norm import ScaleNorm
+from pcdet_avp.models.precision import convolved_in_bf16
 
 CHUNK_COLUMNS = 1 << 11  # at a time: their samples stay in the cache until the convolution over heights reads them
+NEGLIGIBLE = 1e-5  # a voxel that weighs its pixels' features no more than this holds nothing
 
 
 def collapse(features: Tensor, probabilities: Tensor, matrix: Tensor, projection: VoxelProjection) -> Tensor:
     """features (pixels, C), probabilities (pixels, D + 2), matrix (Z * C, C_out) -> (c, C_out), trilinear."""
     columns, heights = projection.pixels.shape
     pixels, bins = array_of(features), array_of(probabilities)
-    where = [array_of(t) for t in (projection.pixels, projection.weights, projection.bins, projection.bin_shift)]
+    where = _arrays(projection)
     samples = np.empty((min(CHUNK_COLUMNS, columns), heights, pixels.shape[1]), np.float32)
     out = features.new_empty(columns, matrix.shape[1])
     for start in range(0, columns, CHUNK_COLUMNS):
@@ -30,13 +34,57 @@ def collapse(features: Tensor, probabilities: Tensor, matrix: Tensor, projection
     return out
 
 
+def normalised_map(
+    features: Tensor, probabilities: Tensor, projection: VoxelProjection, matrix: Tensor, norm: ScaleNorm, cells: int
+) -> Tensor:
+    """relu(norm(map)), (cells, C_out), of the map that ``collapse`` fills; for inference.
+
+    A depth distribution is sharp: most voxels of most columns weigh next to nothing (``NEGLIGIBLE``), and three
+    columns in four no voxel at all. Those stay exactly zero, and nothing behind this has work with them.
+    """
+    rows, where = _seen_rows(features, probabilities, matrix, projection)
+    scale = norm.scale_of(sum_of_squares(rows), max(len(projection.columns) * rows.shape[1], 1))
+    out = np.zeros((cells, rows.shape[1]), np.float32)
+    write_scaled(rows, where, array_of(scale), out)
+    return torch.from_numpy(out)
+
+
+def _seen_rows(
+    features: Tensor, probabilities: Tensor, matrix: Tensor, projection: VoxelProjection
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (n, C_out) of ``collapse`` of the columns that hold anything, and their cells (n,).
+
+    The matrix product is in bf16 where convolutions are (``models.precision``), the weighing in float32.
+    """
+    dtype = torch.bfloat16 if convolved_in_bf16() else torch.float32
+    columns, heights = projection.pixels.shape
+    pixels, bins, where = array_of(features), array_of(probabilities), _arrays(projection)
+    samples, matrix = (
+        torch.empty((min(CHUNK_COLUMNS, columns), heights, pixels.shape[1]), dtype=dtype),
+        matrix.to(dtype),
+    )
+    out, kept = torch.empty((columns, matrix.shape[1]), dtype=dtype), np.empty(columns, np.int64)
+    found, begin = 0, 0
+    while begin < columns:
+        n, begin = sample_seen_voxels(
+            pixels, bins, *where, projection.image_size[1], begin, bits_of(samples), kept[found:]
+        )
+        torch.mm(samples[:n].view(n, -1), matrix, out=out[found : found + n])
+        found += n
+    return array_of(out[:found].float()), array_of(projection.columns)[kept[:found]]
+
+
+def _arrays(projection: VoxelProjection) -> list[np.ndarray]:
+    return [array_of(t) for t in (projection.pixels, projection.weights, projection.bins, projection.bin_shift)]
+
+
 def collapse_gradients(
     features: Tensor, probabilities: Tensor, matrix: Tensor, projection: VoxelProjection, grad: Tensor
 ) -> tuple[Tensor, Tensor, Tensor]:
     """The gradients of features, probabilities and matrix for that of the sums (c, C_out)."""
     columns, heights = projection.pixels.shape
     pixels, bins, grad = array_of(features), array_of(probabilities), grad.contiguous()
-    where = [array_of(t) for t in (projection.pixels, projection.weights, projection.bins, projection.bin_shift)]
+    where = _arrays(projection)
     samples = np.empty((min(CHUNK_COLUMNS, columns), heights, pixels.shape[1]), np.float32)
     d_features, d_probabilities, d_matrix = (torch.zeros_like(t) for t in (features, probabilities, matrix))
     for start in range(0, columns, CHUNK_COLUMNS):
@@ -91,6 +139,70 @@ def sample_voxels(features, probabilities, pixels, weights, bins, shift, width, 
             for k in range(features.shape[1]):
                 total = wa * features[a, k] + wb * features[b, k] + wc * features[c, k] + wd * features[d, k]
                 out[column, height, k] = total
+
+
+@numba.njit(**OPTIONS)
+def sample_seen_voxels(features, probabilities, pixels, weights, bins, shift, width, begin, out, kept):
+    """As ``sample_voxels`` from column ``begin`` on, but of the columns alone that hold anything.
+
+    Fills out (n, Z, C), float32 or bf16, and the columns' numbers ``kept``; ends where out is full or no column is
+    left. Returns how many columns were written, and the first one that was not looked at.
+    """
+    n, weight = 0, np.empty((pixels.shape[1], 4), np.float32)
+    for column in range(begin, pixels.shape[0]):
+        if n == out.shape[0]:
+            return n, column
+        heaviest = np.float32(0)
+        for height in range(pixels.shape[1]):
+            first, lower, upper_share = pixels[column, height], bins[column, height], shift[column, height]
+            total = np.float32(0)
+            for corner in range(4):
+                pixel = first + (corner // 2) * width + corner % 2
+                share = weights[column, height, corner] * _at_depth(probabilities, pixel, lower, upper_share)
+                weight[height, corner] = share
+                total += share
+            if not total <= NEGLIGIBLE:  # NaN counts
+                heaviest = np.float32(1)
+            else:
+                weight[height, 0] = np.float32(-1)
+        if heaviest == 0:
+            continue
+        for height in range(pixels.shape[1]):
+            row = out[n, height]
+            wa, wb, wc, wd = weight[height, 0], weight[height, 1], weight[height, 2], weight[height, 3]
+            if wa == np.float32(-1):
+                row[:] = 0
+                continue
+            a = pixels[column, height]
+            b, c, d = a + 1, a + width, a + width + 1
+            for k in range(features.shape[1]):
+                total = wa * features[a, k] + wb * features[b, k] + wc * features[c, k] + wd * features[d, k]
+                row[k] = stored(row, total)
+        kept[n] = column
+        n += 1
+    return n, pixels.shape[0]
+
+
+@numba.njit(**OPTIONS)
+def sum_of_squares(rows):
+    """Of rows (n, C): each row in single precision, their sum in double."""
+    total = 0.0
+    for i in range(rows.shape[0]):
+        of_row = np.float32(0)
+        for k in range(rows.shape[1]):
+            of_row += rows[i, k] * rows[i, k]
+        total += of_row
+    return total
+
+
+@numba.njit(**OPTIONS)
+def write_scaled(rows, where, scale, out):
+    """Write relu(rows * scale) to the rows ``where`` of out. NaN stays NaN."""
+    zero = np.float32(0)
+    for i in range(rows.shape[0]):
+        for k in range(rows.shape[1]):
+            value = rows[i, k] * scale[k]
+            out[where[i], k] = zero if value < zero else value
 
 
 @numba.njit(**OPTIONS)

@@ -9,9 +9,11 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from pcdet_avp.errors import ConfigError
-from pcdet_avp.models.backbones_2d.map_to_bev.frustum_collapse import SAMPLINGS, frustum_collapse
+from pcdet_avp.models.backbones_2d.map_to_bev import frustum_kernel as kernels
+from pcdet_avp.models.backbones_2d.map_to_bev.frustum_collapse import SAMPLINGS, as_matrix, frustum_collapse
 from pcdet_avp.models.backbones_2d.map_to_bev.voxel_projection import VoxelProjection, project_voxels
 from pcdet_avp.models.backbones_image.depth_bins import DepthBins
+from pcdet_avp.models.cpu_kernels.dispatch import usable
 from pcdet_avp.models.norm import ScaleNorm
 from pcdet_avp.models.precision import full_precision
 from pcdet_avp.registry import MAP_TO_BEV
@@ -56,15 +58,19 @@ class FrustumToBev(nn.Module):
             probabilities = _padded_rows(_channels_last(logits).softmax(-1)[..., : bins.count], slots=1)
             weight = self.collapse.weight.view(self.num_bev_features, -1, self.num_heights)
             projections = [self._projection(m, bins, image_size, stride) for m in image_from_agent]
+            columns = [projection.columns for projection in projections]
+            seen, cells = self._seen(columns, pixels.device), self.grid.height * self.grid.width
+            if self.sampling == "trilinear" and len(pixels) and usable(pixels, probabilities, self.norm.weight):
+                how = as_matrix(weight.detach()), self.norm, cells
+                samples = zip(pixels, probabilities, projections, strict=True)
+                return self._as_maps(torch.cat([kernels.normalised_map(*sample, *how) for sample in samples])), seen
             rows = [
                 frustum_collapse(pixels[b], probabilities[b], weight, projection, self.sampling)
                 for b, projection in enumerate(projections)
             ]
-            columns = [projection.columns for projection in projections]
-            seen = self._seen(columns, pixels.device)
             if torch.is_grad_enabled() and rows:
                 return self._normalised_rows(rows, columns), seen
-            maps = pixels.new_zeros(len(rows), self.grid.height * self.grid.width, self.num_bev_features)
+            maps = pixels.new_zeros(len(rows), cells, self.num_bev_features)
             return self._normalised_map(maps.flatten(0, 1), rows, columns, seen), seen
 
     def _normalised_map(self, maps: Tensor, rows: list[Tensor], columns: list[Tensor], seen: Tensor) -> Tensor:

@@ -10,6 +10,7 @@ from pcdet_avp.models.backbones_2d.map_to_bev import frustum_kernel as kernels
 from pcdet_avp.models.backbones_2d.map_to_bev.frustum_to_bev import FrustumToBev
 from pcdet_avp.models.backbones_image.depth_bins import DepthBins
 from pcdet_avp.models.cpu_kernels.dispatch import plain_operations
+from pcdet_avp.models.precision import computing_in
 from pcdet_avp.structures.bev_grid import BevGrid
 from pcdet_avp.structures.camera import PinholeCamera
 
@@ -79,6 +80,27 @@ def test_a_broken_number_is_not_lost():
     assert found.isnan().any()
 
 
+def test_what_next_to_nothing_is_seen_of_stays_zero():
+    """A pixel is sure of its depth: only the columns at that depth hold anything, and the map hardly changes."""
+    features, logits, matrix = images(1)
+    logits[:, 3] += 14.0  # e^-14 is a tenth of what counts as nothing
+    expected, found = both(head(), features, logits, matrix)
+    empty = (expected != 0).any(1) & (found == 0).all(1)
+    assert 0.2 < float(empty.float().mean() / (expected != 0).any(1).float().mean()) < 0.9
+    torch.testing.assert_close(found, expected, atol=1e-3 * float(expected.abs().max()), rtol=0)
+
+
+def test_in_bf16_the_map_is_the_same_but_for_rounding():
+    inputs, to_bev = images(), head()
+    with torch.no_grad():
+        exact, _ = to_bev(*inputs, BINS, SIZE, STRIDE)
+        with computing_in("bf16"):
+            rough, _ = to_bev(*inputs, BINS, SIZE, STRIDE)
+    assert rough.dtype == torch.float32
+    assert not torch.equal(rough, exact)
+    torch.testing.assert_close(rough, exact, atol=0.01 * float(exact.abs().max()), rtol=0)
+
+
 def gradients(to_bev, features, logits, matrix):
     """Of random sums of the maps: for features, logits and all weights."""
     inputs = [features.clone().requires_grad_(), logits.clone().requires_grad_()]
@@ -104,7 +126,8 @@ def test_gradients_are_the_same_bits_every_time():
 
 
 def test_other_samplings_do_without(monkeypatch):
-    monkeypatch.setattr(kernels, "collapse", None)  # a call would raise
+    for name in ("collapse", "normalised_map"):
+        monkeypatch.setattr(kernels, name, None)  # a call would raise
     to_bev, (features, logits, matrix) = head(), images()
     gradients(head("nearest"), features, logits, matrix)
     with torch.no_grad():
