@@ -47,9 +47,7 @@ def test_a_runtime_belongs_to_the_network(call):
             safety_eval, "--runtime", "openvino", "--exported", "x", "--scenario", "t_junction", "--perception", "blind"
         )
     given = ("--runtime", "onnxruntime", "--exported", "x", "--precision", "bf16")
-    with pytest.raises(
-        ConfigError, match="--precision bf16 belongs to --runtime torch; onnxruntime computes"
-    ):
+    with pytest.raises(ConfigError, match="--precision bf16 belongs to --runtime torch; onnxruntime computes"):
         call(safety_eval, *given, "--scenario", "t_junction", "--perception", "model")
 
 
