@@ -1,0 +1,84 @@
+"""A network's AP with each of several placements, for ``surrogate.py --measured``.
+
+    python benchmarks/surrogate.py --plan P --write_plans
+    python benchmarks/placement_ap.py --cfg C --ckpt F --plans output/surrogate/NAME/plans --count 12
+    python benchmarks/surrogate.py --plan P --measured output/placement_ap/measured.json
+
+Makes a test set on each plan (the same seed: the same parked cars, people and light; each scene looks at one unit of
+the placement) and tests the network on it with one sensor combination, every roadside map sent as bytes. The figure is
+the mean over the classes of overall 3D AP at the strict IoU in the first region. ``--count`` placements, evenly among
+the files in the order of their names. Writes measured.json (name -> figure) after each placement, and
+placement_ap.json with provenance and both classes; the same command goes on where it stopped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import logging
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pcdet_avp.argument_types import path, positive_int
+from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
+from pcdet_avp.config import apply_overrides, load_config
+from pcdet_avp.engine import distributed
+from pcdet_avp.engine.testing.run import run_test
+from pcdet_avp.errors import ConfigError
+from pcdet_avp.evaluation.average_precision import STRICT_IOU
+from pcdet_avp.files import write_json
+from pcdet_avp.generate import generate
+
+
+def parse_arguments() -> argparse.Namespace:
+    parser = config_parser("A network's AP with each of several placements.", weights=True)
+    parser.add_argument("--ckpt", type=path, required=True)
+    parser.add_argument("--plans", type=path, required=True, metavar="DIR", help="plan files of placements")
+    parser.add_argument("--count", type=positive_int, default=12, help="placements (default: 12)")
+    parser.add_argument("--scenes", type=positive_int, default=24, help="of each test set (default: 24)")
+    parser.add_argument("--combo", default="C+CL", help="sensor combination (default: C+CL)")
+    parser.add_argument("--workers", type=positive_int, default=2)
+    parser.add_argument("--out", type=path, default=Path("output", "placement_ap"))
+    return parser.parse_args()
+
+
+def main() -> None:
+    args, logger = parse_arguments(), logging.getLogger("placement_ap")
+    cfg, details = load_arguments_config(args), args.out / "placement_ap.json"
+    rows: dict[str, dict[str, Any]] = json.loads(details.read_text())["rows"] if details.exists() else {}
+    for plan in chosen_plans(args.plans, args.count):
+        if plan.stem not in rows:
+            meta, rows[plan.stem] = measure(args, plan, logger)
+            write_json(details, {"meta": meta, "combo": args.combo, "scenes": args.scenes, "rows": rows})
+            write_json(args.out / "measured.json", {name: row["mean"] for name, row in rows.items()})
+        print(f"{plan.stem}: " + ", ".join(f"{key} {value:.1f}" for key, value in rows[plan.stem].items()))
+    print(f"wrote {args.out / 'measured.json'} of {cfg.MODEL.NAME}")
+
+
+def chosen_plans(folder: Path, count: int) -> list[Path]:
+    """``count`` of the folder's plans, evenly among them; ConfigError where there are fewer."""
+    plans = sorted(folder.glob("*.yaml"))
+    if len(plans) < count:
+        raise ConfigError(f"--plans: expected at least {count} plans (*.yaml) in {folder}, found {len(plans)}")
+    return [plans[k] for k in np.linspace(0, len(plans) - 1, count).round().astype(int)]
+
+
+def measure(args: argparse.Namespace, plan: Path, logger: logging.Logger) -> tuple[dict[str, Any], dict[str, float]]:
+    """Provenance, and AP (%) by class and their mean."""
+    root = args.out / "data" / plan.stem
+    made = ["DATA_CONFIG.DATA_PATH", str(root.absolute()), "DATA_CONFIG.GENERATE.PLAN", str(plan.absolute())]
+    made += ["DATA_CONFIG.GENERATE.SCENES", str(args.scenes), "DATA_CONFIG.GENERATE.SPLIT", "{val: 0.0, test: 1.0}"]
+    cfg = apply_overrides(load_config(args.cfg), [*args.overrides, *made])
+    generate(cfg.DATA_CONFIG, root, workers=args.workers)
+    ranks = distributed.start(device="cpu")
+    name = Path(args.cfg).stem
+    found = run_test(cfg, name, args.ckpt, [args.combo], ranks, logger, wire=True, workers=1)
+    row = next(row for row in found.rows if row["combo"] == args.combo)
+    of_class = {name: row[name]["overall"][str(STRICT_IOU[name])] for name in cfg.CLASS_NAMES}
+    return found.meta, {**of_class, "mean": float(np.mean(list(of_class.values())))}
+
+
+if __name__ == "__main__":
+    run_tool(main)
