@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import pytest
-from placement_ap import chosen_plans
 
 from pcdet_avp.errors import ConfigError
 
@@ -16,11 +15,16 @@ def plans(tmp_path):
     return tmp_path
 
 
-def test_plans_are_taken_evenly_from_first_to_last(plans):
+@pytest.fixture(scope="module")
+def chosen_plans(load_benchmark):
+    return load_benchmark("placement_ap").chosen_plans
+
+
+def test_plans_are_taken_evenly_from_first_to_last(plans, chosen_plans):
     assert [file.stem for file in chosen_plans(plans, 4)] == ["plan_0", "plan_2", "plan_4", "plan_6"]
     assert len(set(chosen_plans(plans, 7))) == 7
 
 
-def test_too_few_are_refused(plans):
+def test_too_few_are_refused(plans, chosen_plans):
     with pytest.raises(ConfigError, match=r"--plans: expected at least 8 plans .* found 7"):
         chosen_plans(plans, 8)
