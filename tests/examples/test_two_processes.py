@@ -139,11 +139,12 @@ def test_the_demonstration_writes_the_figures_of_both_halves(tiny_data, weights,
 
 @pytest.fixture
 def complaint(tiny_data, weights, monkeypatch, capsys):
-    """``complaint(role, *arguments)``: exit status and errors of one of the two, run in this process."""
+    """``complaint(role, *arguments, more=settings)``: exit status and errors of one of the two, run in this process."""
 
-    def run(role, *arguments):
+    def run(role, *arguments, more=()):
         words = [role, "--cfg", CFG, "--ckpt", weights, "--frames", 1, *arguments]
-        monkeypatch.setattr(sys, "argv", [str(w) for w in (*words, "--set", "DATA_CONFIG.DATA_PATH", tiny_data)])
+        words += ["--set", "DATA_CONFIG.DATA_PATH", tiny_data, *more]
+        monkeypatch.setattr(sys, "argv", list(map(str, words)))
         monkeypatch.syspath_prepend(ROOT / "examples")
         before = signal.getsignal(signal.SIGTERM)
         try:
@@ -154,6 +155,15 @@ def complaint(tiny_data, weights, monkeypatch, capsys):
         return ended.value.code, capsys.readouterr().err
 
     return run
+
+
+def test_a_limit_that_no_map_which_names_its_network_keeps_is_refused(complaint):
+    """57 bytes by docs/wire_format.md; 56 would be enough without the network's number."""
+    told = "MODEL.COMPRESSION.MAX_BYTES: expected 57 or more, an empty float16 map of "
+    status, errors = complaint("roadside_unit", "--unit", 3, more=("MODEL.COMPRESSION.MAX_BYTES", 56))
+    assert status == 2
+    assert told in errors
+    assert "of roadside unit 3 that says which network made it, found 56" in errors
 
 
 def test_what_is_wrong_is_one_line(complaint):
