@@ -139,13 +139,16 @@ def rows_of(
 
 
 def crashes(episodes: Episodes) -> dict[str, Any]:
-    """Episodes, crashes and their rate, over all and by scenario."""
+    """Episodes, crashes and their rate, over all and by scenario; episodes that the time limit cut off, which are no
+    crashes."""
     by_scenario: dict[str, list[bool]] = {}
     for job, result in episodes:
         by_scenario.setdefault(job.scenario, []).append(result.crashed_at is not None)
     every = [crashed for found in by_scenario.values() for crashed in found]
     rates = {name: float(np.mean(found)) for name, found in by_scenario.items()}
-    return {"episodes": len(every), "crashes": sum(every), "crash_rate": float(np.mean(every)), "by_scenario": rates}
+    unfinished = sum(len(result.unfinished_at) for _, result in episodes)
+    counts = {"episodes": len(every), "crashes": sum(every), "unfinished": unfinished}
+    return {**counts, "crash_rate": float(np.mean(every)), "by_scenario": rates}
 
 
 def add_measured(rows: Sequence[dict[str, Any]], file: Path | None) -> None:

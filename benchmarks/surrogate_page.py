@@ -73,10 +73,17 @@ def page(content: Mapping[str, Any]) -> list[str]:
         what = f"{found['placements']} placements, {name}, against the measured figure"
         lines += ["", f"{what}: Kendall {_shown(found)[0]}, Spearman {_shown(found)[1]}."]
     lines += ["", "![Coverage against crash rate](surrogate.png)", ""]
+    lines += ["`unfinished`: episodes that the time limit cut off, which are no crashes.", ""]
     table = [
-        [row["name"], f"{100 * row['coverage'][DEFAULT]:.1f} %", f"{row['crashes']}/{row['episodes']}"] for row in rows
+        [
+            row["name"],
+            f"{100 * row['coverage'][DEFAULT]:.1f} %",
+            f"{row['crashes']}/{row['episodes']}",
+            str(row["unfinished"]),
+        ]
+        for row in rows
     ]
-    return lines + markdown_table(["placement", "coverage", "crashes"], table)
+    return lines + markdown_table(["placement", "coverage", "crashes", "unfinished"], table)
 
 
 def _shown(found: Mapping[str, Any]) -> list[str]:

@@ -168,7 +168,8 @@ def main() -> None:
     cfg = load_arguments_config(args)
     frames = recording(cfg, args.split, args.frames, SENSORS)
     report = RealTimeReport("roadside", args.runtime, args.rate)
-    half = open_roadside(args, cfg, NrV2xConfig().max_segment_bytes, args.budget, lambda stage: report.times(stage))
+    segment_bytes = NrV2xConfig().max_segment_bytes
+    half = open_roadside(args, cfg, segment_bytes, args.budget, lambda stage: report.times(stage), args.unit)
     half.segments(frames[0][0], 0, 0, frames[0][1].infra.world_from_agent)  # the first call compiles
     sender = Sender(args.to, args.wait)
     print(

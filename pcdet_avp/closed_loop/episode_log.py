@@ -31,8 +31,10 @@ class EpisodeFigures:
     mean_speed_mps: float
     false_brake_share: float  # of the ticks awake: asked to go slower than the truth would have asked
     first_detection_m: float  # ahead of the bumper: the threat that was noticed last, when it was first noticed
-    missed_outside: int  # threats that mattered and went unseen, summed over ticks: outside every field of view
-    missed_occluded: int  # ... or hidden
+    # Threats that mattered and went unseen, summed over ticks: beyond the map, outside every field of view or too small
+    # in the image; or hidden.
+    missed_outside: int
+    missed_occluded: int
     duration_s: float  # simulated, to the crash where there is one
 
 

@@ -15,7 +15,8 @@ from tqdm import tqdm
 
 from pcdet_avp.argument_types import Parser, path, path_text, share
 from pcdet_avp.cli import run_tool
-from pcdet_avp.errors import ConfigError
+from pcdet_avp.errors import ConfigError, RecordError
+from pcdet_avp.files import write_text
 from pcdet_avp.placement.drawing import floor_figure, save_figure
 from pcdet_avp.placement.pictures import furnished_world, picture
 from pcdet_avp.placement.sensors import pitch_by_height
@@ -24,6 +25,8 @@ from pcdet_avp.sim.plans.floor import Floor, Mount, Plan
 from pcdet_avp.sim.plans.read import parse_plan
 from pcdet_avp.structures.roadside_unit import MountedUnit
 from pcdet_avp.visualization.video import write_picture
+
+NOTE = "plan.txt"  # beside the drawings: the file of their plan
 
 
 def parse_arguments() -> argparse.Namespace:
@@ -43,6 +46,7 @@ def main() -> None:
         print(summary(plan, floor))
     if not args.check:
         out = args.out or Path("output", "garage", Path(args.plan).stem)
+        claim_folder(out, plan)
         for floor in plan.floors:
             draw(plan, floor, out, args.occupancy)
 
@@ -54,6 +58,15 @@ def refuse_problems(plan: Plan) -> None:
         print(f"error: {message}", file=sys.stderr)
     if found:
         raise ConfigError(found[-1])
+
+
+def claim_folder(out: Path, plan: Plan) -> None:
+    """Note whose drawings a folder holds; RecordError if those of another plan's file, which have the same names."""
+    own, note = str(Path(plan.file).resolve()), out / NOTE
+    held = note.read_text(encoding="utf-8", errors="replace").strip() if note.is_file() else own
+    if held != own:
+        raise RecordError(f"{out}: holds the drawings of {held}; choose another --out or remove the folder")
+    write_text(note, f"{own}\n")
 
 
 def summary(plan: Plan, floor: Floor) -> str:

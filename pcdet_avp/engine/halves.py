@@ -15,7 +15,7 @@ import numpy as np
 from pcdet_avp.deploy.runtime import TORCH
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.link import LatentMap, network_number
-from pcdet_avp.models.export.opened import open_deployed
+from pcdet_avp.models.export.opened import check_map_size, open_deployed
 from pcdet_avp.structures.pose import Pose
 from pcdet_avp.structures.stage_times import Stages, untimed
 
@@ -50,15 +50,28 @@ class Vehicle(Protocol):
 
 
 def open_roadside(
-    args: argparse.Namespace, cfg: Mapping, max_segment_bytes: int, budget_bytes: int, stages: Stages = untimed
+    args: argparse.Namespace,
+    cfg: Mapping,
+    max_segment_bytes: int,
+    budget_bytes: int,
+    stages: Stages = untimed,
+    sender: int = 0,
 ) -> Roadside:
-    """The roadside's half for ``--runtime`` with ``--ckpt`` or ``--exported``; its stages' work runs in ``stages``."""
+    """The roadside's half for ``--runtime`` with ``--ckpt`` or ``--exported``; its stages' work runs in ``stages``.
+
+    ConfigError where MODEL.COMPRESSION allows a map fewer bytes than an empty one takes that says ``sender``, the
+    unit's number, and the network's.
+    """
     if args.runtime != TORCH:
         deployed = open_deployed(args.exported, args.runtime, cfg)
         half = deployed.roadside(max_segment_bytes, budget_bytes)
         half.stages, half.network_number = stages, deployed.exported.network_number
+        check_map_size(deployed.sent_size, deployed.exported, sender, half.network_number)
         return half
-    return _RoadsideInTorch(*_network(args, cfg, stages), max_segment_bytes, budget_bytes)
+    model, number = _network(args, cfg, stages)
+    half = _RoadsideInTorch(model, number, max_segment_bytes, budget_bytes)
+    model.codec.check_size(model.warp.grid.height, model.warp.grid.width, sender, number)
+    return half
 
 
 def open_vehicle(args: argparse.Namespace, cfg: Mapping, stages: Stages = untimed) -> Vehicle:

@@ -48,22 +48,27 @@ class MapSize:
         limits = [limit for limit in (self.max_bytes, budget_bytes) if limit is not None]
         return replace(self, max_bytes=min(limits, default=None))
 
-    def check(self, shape: tuple[int, int, int], precision: str, sender: int = 0) -> None:
+    def check(self, shape: tuple[int, int, int], precision: str, sender: int = 0, network: int = 0) -> None:
         """ConfigError where not even an empty map (C, H, W) of a unit of this number fits, so that no map would.
 
         Counted is one segment as it would be sent: headers, checksum, and a body that takes a byte for some 1,400 empty
-        cells. A unit of another number than 0 says it in two bytes (``link.segment``, version 2).
+        cells. A unit of another number than 0 says it in two bytes (``link.segment``, version 2); maps that say which
+        ``network`` made them (see ``MapStamp``) have the longer headers of version 4.
         """
-        if self.max_bytes is not None and self.max_bytes < (least := self._least_bytes(shape, precision, sender)):
+        if self.max_bytes is None:
+            return
+        least = self._least_bytes(shape, precision, sender, network)
+        if self.max_bytes < least:
+            named = " that says which network made it" if network else ""
             raise ConfigError(
                 f"MODEL.COMPRESSION.MAX_BYTES: expected {least} or more, an empty {precision} map of "
-                f"{' x '.join(map(str, shape))} of roadside unit {sender}, found {self.max_bytes}"
+                f"{' x '.join(map(str, shape))} of roadside unit {sender}{named}, found {self.max_bytes}"
             )
 
-    def _least_bytes(self, shape: tuple[int, int, int], precision: str, sender: int) -> int:
-        stamp = MapStamp(0, 0, MODALITIES[0], 0.0, 0.0, 0.0, sender)
+    def _least_bytes(self, shape: tuple[int, int, int], precision: str, sender: int, network: int) -> int:
+        stamp = MapStamp(0, 0, MODALITIES[0], 0.0, 0.0, 0.0, sender, network)
         (segment,) = encode(np.zeros(shape, np.float32), stamp, LONGEST_EMPTY_BYTES, precision)
-        return len(segment) + (padding_overhead_bytes(sender) if self.constant else 0)
+        return len(segment) + (padding_overhead_bytes(sender, network) if self.constant else 0)
 
     def in_segments(self, max_segment_bytes: int) -> MapSize:
         """The same limit, no longer constant where a map of that size would not be one segment."""

@@ -83,7 +83,7 @@ def front_figure(placements: Sequence[Placement], kept: Sequence[Placement], dri
         upper.plot(*_points(kept, name), line, color=color, ms=4, lw=1.3, label=label)
     upper.set(ylabel="hidden moments covered (%)", ylim=(0, 102))
     upper.legend(fontsize=8, loc="lower right")
-    speeds = [(p.cost / 1000, *driven[p]) for p in kept if p in driven]
+    speeds = [(p.cost / 1000, *(safe.mps for safe in driven[p])) for p in kept if p in driven]
     if speeds:
         cost, whole, dead = np.array(speeds).T
         lower.plot(cost, whole, "-o", color="#0b6e4f", ms=5, label="all sensors")

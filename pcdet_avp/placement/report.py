@@ -12,11 +12,12 @@ from pcdet_avp.files import write_json, write_text
 from pcdet_avp.placement.figures import front_figure, heat_map, units_figure
 from pcdet_avp.placement.front import Option, Placement, Sight, Solved
 from pcdet_avp.placement.pictures import furnished_world, picture
+from pcdet_avp.placement.safe_speed import SafeSpeed
 from pcdet_avp.structures.roadside_unit import MountedUnit
 from pcdet_avp.visualization.page import Comparison, Page, Picture, Section, Table, render
 from pcdet_avp.visualization.video import write_picture
 
-Speeds = Mapping[Placement, tuple[float, float]]  # m/s: all sensors, one dead
+Speeds = Mapping[Placement, tuple[SafeSpeed, SafeSpeed]]  # all sensors, one dead
 KIND = {"C": "camera", "L": "LiDAR", "CL": "camera and LiDAR"}
 
 
@@ -50,7 +51,7 @@ def _solved(each: Solved) -> dict[str, Any]:
     return {"sensors": each.family, "units": each.units, **values, "method": answer.method}
 
 
-def _member(sight: Sight, placement: Placement, speeds: tuple[float, float] | None) -> dict[str, Any]:
+def _member(sight: Sight, placement: Placement, speeds: tuple[SafeSpeed, SafeSpeed] | None) -> dict[str, Any]:
     dead = placement.dead and {"unit": f"U{placement.dead[0] + 1}", "sensor": KIND[placement.dead[1]]}
     return {
         "cost": placement.cost,
@@ -58,8 +59,10 @@ def _member(sight: Sight, placement: Placement, speeds: tuple[float, float] | No
         "coverage_worst_occupancy": placement.worst,
         "coverage_one_dead": placement.one_dead,
         "dead": dead,
-        "safe_speed": speeds and speeds[0],
-        "safe_speed_one_dead": speeds and speeds[1],
+        "safe_speed": speeds and speeds[0].mps,
+        "safe_speed_one_dead": speeds and speeds[1].mps,
+        "unfinished": speeds and speeds[0].unfinished,
+        "unfinished_one_dead": speeds and speeds[1].unfinished,
         "bytes_per_s": sum(sight.models.bytes_per_s(option.sensors) for option in placement.options),
         "units": unit_entries(sight, placement.options),
     }
@@ -91,9 +94,9 @@ def _unit(sight: Sight, option: Option, unit: MountedUnit) -> dict[str, Any]:
 def recommended(kept: Sequence[Placement], speeds: Speeds) -> Placement:
     """The cheapest placement of those driven with the highest safe speed; where none was driven, or all crashed at the
     slowest speed, the first that comes within a twentieth of the best coverage."""
-    fastest = max((speed for speed, _ in speeds.values()), default=0.0)
+    fastest = max((whole.mps for whole, _ in speeds.values()), default=0.0)
     if fastest > 0:
-        return min((p for p in speeds if speeds[p][0] == fastest), key=lambda p: p.cost)
+        return min((p for p in speeds if speeds[p][0].mps == fastest), key=lambda p: p.cost)
     best = max(p.share for p in kept)
     return next(p for p in kept if p.share >= 0.95 * best)
 
@@ -154,10 +157,15 @@ def _summary(content, member, speeds: Speeds, chosen: Placement) -> str:
     )
 
 
-def _safe(speed: float) -> str:
-    if not speed:
+def _safe(safe: SafeSpeed) -> str:
+    if not safe.mps:
         return "With them a drive crashed even at the slowest speed."
-    return f"With them no drive crashed up to **{speed:g} m/s**."
+    cut_off = f"; {safe.unfinished} of these drives did not finish in time" if safe.unfinished else ""
+    return f"With them no drive crashed up to **{safe.mps:g} m/s**{cut_off}."
+
+
+def _shown(safe: SafeSpeed, unit: str = " m/s") -> str:
+    return f"{safe.mps:g}{unit}" + (f" ({safe.unfinished} unfinished)" if safe.unfinished else "")
 
 
 def _comparisons(content, member, speeds: Speeds, kept, chosen: Placement) -> list[Comparison]:
@@ -166,8 +174,8 @@ def _comparisons(content, member, speeds: Speeds, kept, chosen: Placement) -> li
     shown = [Comparison("Moments in which a road user is hidden", f"{100 * share:.1f} %", f"{100 * left:.1f} %")]
     nobody = next((p for p in kept if not p.options), None)
     if nobody in speeds and chosen in speeds:
-        remark = f"{speeds[chosen][1]:g} m/s with one sensor dead; line of sight"
-        shown.append(Comparison("Safe speed", f"{speeds[nobody][0]:g} m/s", f"{speeds[chosen][0]:g} m/s", remark))
+        remark = f"{_shown(speeds[chosen][1])} with one sensor dead; line of sight"
+        shown.append(Comparison("Safe speed", _shown(speeds[nobody][0]), _shown(speeds[chosen][0]), remark))
     return shown
 
 
@@ -226,11 +234,19 @@ def _front_table(content) -> Table:
     lines = [head, "|---|---|---|---|---|---|---|---|"]
     for member in content["front"]:
         units = ", ".join(unit["sensors"] for unit in member["units"]) or "none"
-        speed, dead = (f"{v:g}" if v is not None else "" for v in (member["safe_speed"], member["safe_speed_one_dead"]))
+        speed, dead = (_driven(member[f"safe_speed{of}"], member[f"unfinished{of}"]) for of in ("", "_one_dead"))
         shares = [f"{100 * member[key]:.1f} %" for key in ("coverage", "coverage_worst_occupancy", "coverage_one_dead")]
         rate = 8 * member["bytes_per_s"] / 1e6
         lines.append(f"| {units} | {member['cost']:,.0f} | {' | '.join(shares)} | {speed} | {dead} | {rate:.1f} |")
-    return Table("C: camera, L: LiDAR. Prices are those of cfgs/placement.yaml.", lines)
+    return Table(
+        "C: camera, L: LiDAR. Prices are those of cfgs/placement.yaml. Unfinished: drives up to that speed which the "
+        "time limit cut off; they are no crashes.",
+        lines,
+    )
+
+
+def _driven(speed: float | None, unfinished: int | None) -> str:
+    return "" if speed is None else _shown(SafeSpeed(speed, unfinished), unit="")
 
 
 def _method_section(content) -> Section:

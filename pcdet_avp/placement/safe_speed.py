@@ -1,7 +1,8 @@
 """How fast a car may drive past a placement: the closed loop with ideal perception from the sensors' places.
 
 A job drives one trial (one site with its people or vehicle) with one placement, ever faster until the first crash.
-The safe speed of a placement is the highest speed up to which no trial of any scenario crashed.
+The safe speed of a placement is the highest speed up to which no trial of any scenario crashed. A drive that the time
+limit cut off is no crash, and it proves nothing: such drives are counted beside the speed.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pcdet_avp.closed_loop.episode import run_episode
+from pcdet_avp.closed_loop.episode_log import EpisodeFigures
 from pcdet_avp.config import load_config
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.placement.line_of_sight import PlacedLineOfSight
@@ -42,12 +44,22 @@ class SpeedJob:
 
 @dataclass(frozen=True)
 class SpeedResult:
-    """The speed (m/s) of the first crash of a job; None where every speed went well."""
+    """The speed (m/s) of the first crash of a job, None where no speed had one; the speeds (m/s) at which the time
+    limit cut the drive off."""
 
     name: str
     scenario: str
     trial: int
     crashed_at: float | None
+    unfinished_at: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class SafeSpeed:
+    """A placement's safe speed (m/s), and how many of the drives up to it the time limit cut off."""
+
+    mps: float
+    unfinished: int = 0
 
 
 def drive_faster(job: SpeedJob) -> SpeedResult:
@@ -55,14 +67,20 @@ def drive_faster(job: SpeedJob) -> SpeedResult:
     cfg = load_config(VEHICLE_CONFIG)
     rig, grid = Rig.from_config(cfg.SENSORS), BevGrid.from_range(cfg.POINT_CLOUD_RANGE, cfg.VOXEL_SIZE)
     eye = PlacedLineOfSight(rig.ego, job.vehicle, job.units, job.models, grid)
-    crashed_at = next((speed for speed in job.speeds if _crashes(job, speed, eye)), None)
-    return SpeedResult(job.name, job.scenario, job.trial, crashed_at)
+    unfinished = []
+    for speed in job.speeds:
+        figures = _drive(job, speed, eye)
+        if figures.crashed:
+            return SpeedResult(job.name, job.scenario, job.trial, speed, tuple(unfinished))
+        if not figures.finished:
+            unfinished.append(speed)
+    return SpeedResult(job.name, job.scenario, job.trial, None, tuple(unfinished))
 
 
-def _crashes(job: SpeedJob, speed: float, eye: PlacedLineOfSight) -> bool:
+def _drive(job: SpeedJob, speed: float, eye: PlacedLineOfSight) -> EpisodeFigures:
     draw = PLAN_SCENARIOS[job.scenario]
     scenario = draw(job.plan, job.scenario, job.seed, job.trial, speed, floor=job.floor)
-    return run_episode(scenario, eye, SensorSet.parse("C+none")).figures.crashed
+    return run_episode(scenario, eye, SensorSet.parse("C+none")).figures
 
 
 def scenarios_of(plan: str, floor: str | None = None) -> tuple[str, ...]:
@@ -80,7 +98,8 @@ def scenarios_of(plan: str, floor: str | None = None) -> tuple[str, ...]:
     return tuple(possible)
 
 
-def safe_speed(results: Sequence[SpeedResult], speeds: Sequence[float] = SPEEDS_MPS) -> float:
+def safe_speed(results: Sequence[SpeedResult], speeds: Sequence[float] = SPEEDS_MPS) -> SafeSpeed:
     """The highest speed below that of every first crash; 0 where the slowest crashed."""
     first = min((r.crashed_at for r in results if r.crashed_at is not None), default=float("inf"))
-    return max((speed for speed in speeds if speed < first), default=0.0)
+    safe = max((speed for speed in speeds if speed < first), default=0.0)
+    return SafeSpeed(safe, sum(speed <= safe for r in results for speed in r.unfinished_at))

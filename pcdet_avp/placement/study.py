@@ -103,7 +103,8 @@ def job_key(job: SpeedJob) -> str:
 
 
 class _Journal:
-    """One line of JSON for each trial driven; a line that a killed run cut off is left out."""
+    """One line of JSON for each trial driven. Left out, so that they are driven again: a line that a killed run cut
+    off, and one from before drives that did not finish were counted."""
 
     def __init__(self, file: Path) -> None:
         self.file, self.results = file, {}
@@ -119,11 +120,14 @@ class _Journal:
         try:
             entry: dict[str, Any] = json.loads(line)
             key = entry.pop("key")
-            self.results[key] = SpeedResult(**entry)
+            unfinished_at = entry.pop("unfinished_at", None)
+            result = SpeedResult(**entry, unfinished_at=tuple(unfinished_at or ()))
         except (ValueError, KeyError, TypeError) as error:
             raise RecordError(
                 f"{self.file}: a line is no trial of this version ({error!r}); remove the file"
             ) from error
+        if unfinished_at is not None:
+            self.results[key] = result
 
     def add(self, key: str, result: SpeedResult) -> None:
         with self.file.open("a") as stream:

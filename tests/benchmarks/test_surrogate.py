@@ -10,6 +10,7 @@ import pytest
 from plan_files import STRAIGHT, written
 
 from pcdet_avp.errors import ConfigError
+from pcdet_avp.placement.safe_speed import SpeedResult
 
 ROOT = Path(__file__).parents[2]
 MORE = """\
@@ -62,13 +63,14 @@ def test_placements_are_different_sets_of_units_and_a_plan_that_has_too_few_is_r
         trials.draw_trials(sight, 16, units=2, seed=0)
 
 
-def test_crashes_are_counted_over_all_and_by_scenario(script):
+def test_crashes_and_unfinished_episodes_are_counted(script):
     episodes = [
-        (SimpleNamespace(scenario=scenario), SimpleNamespace(crashed_at=at))
-        for scenario, at in (("a", 5.0), ("a", None), ("b", None), ("b", None))
+        (SimpleNamespace(scenario=scenario), SpeedResult("p", scenario, 0, at, unfinished))
+        for scenario, at, unfinished in (("a", 5.0, ()), ("a", None, ()), ("b", None, (5.0,)), ("b", None, ()))
     ]
     found = script("surrogate").crashes(episodes)
-    assert found == {"episodes": 4, "crashes": 1, "crash_rate": 0.25, "by_scenario": {"a": 0.5, "b": 0.0}}
+    assert (found["episodes"], found["crashes"], found["unfinished"], found["crash_rate"]) == (4, 1, 1, 0.25)
+    assert found["by_scenario"] == {"a": 0.5, "b": 0.0}
 
 
 def test_another_measurement_is_entered_by_name(script, tmp_path):

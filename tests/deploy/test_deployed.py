@@ -1,6 +1,7 @@
 """Both halves without torch, beside those in torch, on generated frames."""
 
 import copy
+from argparse import Namespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import torch
 from pcdet_avp.datasets.avp.collate import collate, load_batch
 from pcdet_avp.datasets.avp.prepare import prepare
 from pcdet_avp.deploy.runtime import open_runtime
+from pcdet_avp.engine.halves import open_roadside
 from pcdet_avp.errors import ConfigError, SensorError
 from pcdet_avp.link import MapStamp, Receiver, decode
 from pcdet_avp.link.map_size import UNLIMITED, MapSize
@@ -79,6 +81,10 @@ def test_a_limit_on_bytes_is_the_configurations_and_holds_as_in_torch(to_export,
         cfg.DATA_CONFIG.ROADSIDE_UNITS, cfg.MODEL.COMPRESSION.MAX_BYTES = units, least - 1
         with pytest.raises(ConfigError, match=rf"MAX_BYTES: expected {least} or more, .*found {least - 1}"):
             open_deployed(exported, "onnxruntime", cfg, threads=1)
+    cfg.DATA_CONFIG.ROADSIDE_UNITS, cfg.MODEL.COMPRESSION.MAX_BYTES = None, 56
+    args = Namespace(runtime="onnxruntime", exported=exported)  # a unit in service names its network, too
+    with pytest.raises(ConfigError, match=r"MAX_BYTES: expected 57 or more, .*which network made it, found 56"):
+        open_roadside(args, cfg, SEGMENT_BYTES, 72_000)
 
 
 def test_the_whole_roadside_half_sends_nearly_torchs_map(to_export, halves, in_torch, frames):

@@ -150,30 +150,33 @@ def test_a_limit_below_an_empty_map_is_one_clear_error():
 
 
 @pytest.mark.parametrize(
-    ("constant", "precision", "sender", "headers"),
+    ("constant", "precision", "sender", "network", "headers"),
     [
-        (False, "float16", 0, 33 + 8 + 4),
-        (False, "float16", 1, 35 + 8 + 4),  # its number takes two bytes
-        (False, "int8", 0, 33 + 4 + 8 + 4),
-        (False, "int8", 65_535, 35 + 4 + 8 + 4),
-        (True, "float16", 0, 35 + 12 + 4),  # has the number, and the length of its body
-        (True, "float16", 1, 35 + 12 + 4),
-        (True, "int8", 9, 35 + 4 + 12 + 4),
+        (False, "float16", 0, 0, 33 + 8 + 4),
+        (False, "float16", 1, 0, 35 + 8 + 4),  # its number takes two bytes
+        (False, "int8", 0, 0, 33 + 4 + 8 + 4),
+        (False, "int8", 65_535, 0, 35 + 4 + 8 + 4),
+        (True, "float16", 0, 0, 35 + 12 + 4),  # has the number, and the length of its body
+        (True, "float16", 1, 0, 35 + 12 + 4),
+        (True, "int8", 9, 0, 35 + 4 + 12 + 4),
+        (False, "float16", 0, 1, 39 + 12 + 4),  # has all of that, and the network
+        (False, "int8", 9, 0x9FE4BB77, 39 + 4 + 12 + 4),
+        (True, "float16", 1, 0x9FE4BB77, 39 + 12 + 4),
     ],
 )
 @pytest.mark.parametrize(("rows", "columns", "body"), [(1, 1, 1), (47, 35, 2)])
 def test_a_limit_that_no_map_can_keep_is_refused_before_there_is_one(
-    constant, precision, sender, headers, rows, columns, body
+    constant, precision, sender, network, headers, rows, columns, body
 ):
     """By hand, for maps of four channels: the headers of ``link.segment``; a body of 1,645 x 0.0056 bits and more. The
     same limit is the least that a sender can keep."""
     least, shape = headers + body, (4, rows, columns)
-    MapSize(least, constant).check(shape, precision, sender)
-    empty, stamp = np.zeros(shape, np.float32), replace(STAMP, sender=sender)
+    MapSize(least, constant).check(shape, precision, sender, network)
+    empty, stamp = np.zeros(shape, np.float32), replace(STAMP, sender=sender, network=network)
     assert size_of(MapSize(least, constant).pack(empty, stamp, BLOCK, precision)) == least
-    told = rf"MODEL.COMPRESSION.MAX_BYTES: expected {least} or more, .* unit {sender}, found {least - 1}"
+    told = rf"MODEL.COMPRESSION.MAX_BYTES: expected {least} or more, .* unit {sender}\b.*, found {least - 1}"
     with pytest.raises(ConfigError, match=told):
-        MapSize(least - 1, constant).check(shape, precision, sender)
+        MapSize(least - 1, constant).check(shape, precision, sender, network)
     with pytest.raises(PacketError, match=f"an empty map takes {least} B"):
         MapSize(least - 1, constant).pack(empty, stamp, BLOCK, precision)
 

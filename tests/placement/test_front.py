@@ -7,6 +7,7 @@ import pytest
 
 from pcdet_avp.placement.front import Option, Placement, Sight, front, measured, solve, without
 from pcdet_avp.placement.report import recommended
+from pcdet_avp.placement.safe_speed import SafeSpeed
 from pcdet_avp.placement.sensors import SensorModels
 from pcdet_avp.placement.spots import RAYS, Pass
 from pcdet_avp.placement.visibility import Look
@@ -70,6 +71,7 @@ def test_what_is_recommended_is_never_nothing_because_everything_crashed():
         Placement((), cost, share, share, share, None) for cost, share in ((0, 0), (2, 0.78), (4, 0.8))
     )
     kept = [nothing, one, two]
-    assert recommended(kept, {nothing: (5.0, 5.0), one: (8.0, 6.0), two: (8.0, 8.0)}) is one
-    assert recommended(kept, {nothing: (0.0, 0.0), two: (0.0, 0.0)}) is one
+    slow, fast, none = SafeSpeed(5.0), SafeSpeed(8.0), SafeSpeed(0.0)
+    assert recommended(kept, {nothing: (slow, slow), one: (fast, slow), two: (fast, fast)}) is one
+    assert recommended(kept, {nothing: (none, none), two: (none, none)}) is one
     assert recommended(kept, {}) is one

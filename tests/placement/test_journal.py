@@ -10,7 +10,7 @@ from pcdet_avp.placement import study
 from pcdet_avp.placement.safe_speed import SpeedResult
 from pcdet_avp.placement.study import EPISODES, _Journal
 
-DRIVEN = SpeedResult("A", "pedestrian", 3, 7.0), SpeedResult("B", "t_junction", 0, None)
+DRIVEN = SpeedResult("A", "pedestrian", 3, 7.0, (4.0, 5.0)), SpeedResult("B", "t_junction", 0, None)
 
 
 def test_results_come_back_and_a_torn_line_is_left_out(tmp_path):
@@ -32,6 +32,16 @@ def test_a_job_whose_line_is_there_is_not_driven(tmp_path, monkeypatch):
     monkeypatch.setattr(study, "sorted", lambda jobs, key: list(jobs), raising=False)
     assert study.all_speeds(["known", "new"], tmp_path, 1) == [DRIVEN[0], DRIVEN[1]]
     assert [json.loads(line)["key"] for line in (tmp_path / EPISODES).read_text().splitlines()] == ["known", "new"]
+
+
+def test_a_trial_from_before_unfinished_drives_were_counted_is_driven_again(tmp_path):
+    line = {"key": "0", **asdict(DRIVEN[0])}
+    del line["unfinished_at"]
+    (tmp_path / EPISODES).write_text(json.dumps(line) + "\n")
+    journal = _Journal(tmp_path / EPISODES)
+    assert journal.results == {}
+    journal.add("0", DRIVEN[0])
+    assert _Journal(tmp_path / EPISODES).results == {"0": DRIVEN[0]}
 
 
 def test_a_line_of_another_version_is_refused_by_the_file(tmp_path):

@@ -5,7 +5,8 @@ import sys
 import pytest
 from plan_files import STRAIGHT, written
 
-from pcdet_avp.errors import ConfigError
+from pcdet_avp.commands import garage as garage_command
+from pcdet_avp.errors import ConfigError, RecordError
 
 MORE = """\
     rows:
@@ -26,8 +27,23 @@ def test_a_plan_is_drawn(tmp_path, load_tool, monkeypatch, capsys):
     garage(load_tool, monkeypatch, "--plan", written(tmp_path, STRAIGHT, MORE), "--out", tmp_path / "out")
     assert "40 x 11 m, ceiling 3 m, 4 slots, 80 m of lanes" in capsys.readouterr().out
     files = {file.name for file in (tmp_path / "out").iterdir()}
-    assert files == {"A.svg", "A.png", "A_mount_end_180.png"}
+    assert files == {"A.svg", "A.png", "A_mount_end_180.png", "plan.txt"}
     assert (tmp_path / "out" / "A.svg").read_text().startswith("<?xml")
+
+
+def test_another_plan_does_not_draw_over_the_drawings_of_one(tmp_path, load_tool, monkeypatch):
+    """Both files are called plan.yaml, and their floors A; a plan itself may be changed and drawn again."""
+    monkeypatch.setattr(garage_command, "draw", lambda plan, floor, out, occupancy: drawn.append(plan.file))
+    drawn, folders = [], (tmp_path / "one", tmp_path / "two")
+    for folder in folders:
+        folder.mkdir()
+    one, two = (written(folder, STRAIGHT, MORE) for folder in folders)
+    garage(load_tool, monkeypatch, "--plan", one, "--out", tmp_path / "out")
+    one = written(folders[0], STRAIGHT, MORE.replace("count: 4", "count: 3"))
+    garage(load_tool, monkeypatch, "--plan", one, "--out", tmp_path / "out")
+    with pytest.raises(RecordError, match=r"out: holds the drawings of .*one.*; choose another --out"):
+        garage(load_tool, monkeypatch, "--plan", two, "--out", tmp_path / "out")
+    assert drawn == [str(one)] * 2
 
 
 def test_all_mistakes_are_told(tmp_path, load_tool, monkeypatch, capsys):

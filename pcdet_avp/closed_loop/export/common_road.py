@@ -124,12 +124,14 @@ def _initial(pose: np.ndarray, speed: float) -> InitialState:
 
 
 def _problem(record: EpisodeRecord) -> PlanningProblem:
-    """From where the ego started to where its front has passed everybody; a car that reverses starts backwards."""
+    """From where the ego started to where its front has passed everybody, within the loop's time limit; a car that
+    reverses starts backwards."""
     scenario, backwards = record.scenario, record.scenario.reversing
     x, y, yaw = (round(float(value), DIGITS) for value in scenario.ego_pose(scenario.end_x - BUMPER_X_M))
     length, width, _ = record.ego_size
     place = RectOccupancy(Point(x, y), width=width, length=length, orientation=yaw)
-    goal = GoalRegion([CustomState(time_step=Interval(0, round(90.0 / record.tick_s)), position=place)])
+    last = round(record.time_limit_s / record.tick_s)
+    goal = GoalRegion([CustomState(time_step=Interval(0, last), position=place)])
     speed = float(record.log.speeds[0])
     return PlanningProblem(PROBLEM_ID, _initial(record.ego[0], -speed if backwards else speed), goal)
 

@@ -93,6 +93,7 @@ class EpisodeRecord:
     seed: int
     title: str
     tick_s: float
+    time_limit_s: float  # of the loop: a drive that has not passed everybody by then is cut off
     scenario: Scenario
     log: EpisodeLog
     ego: np.ndarray
@@ -145,6 +146,7 @@ def episode_record(
         seed=seed,
         title=title,
         tick_s=settings.tick_s,
+        time_limit_s=settings.time_limit_s,
         scenario=scenario,
         log=log,
         ego=frames + [0.0, 0.0, np.pi] if scenario.reversing else frames,

@@ -52,7 +52,8 @@ class LineOfSight:
         return Perceived(boxes[seen], names[seen], np.ones(int(seen.sum())), missed=missed)
 
     def _sight(self, world: World, object_id: int, sensor_set: SensorSet) -> bool | None:
-        """True: seen. False: hidden. None: in no sensor's field of view."""
+        """True: seen. False: hidden. None: no sensor has room for enough pixels or beams on it, because it is in no
+        field of view or too small there."""
         verdict = None
         for found in self._by_sensor(world, object_id, sensor_set):
             if found:

@@ -26,8 +26,8 @@ class Message:
 
 @dataclass(frozen=True, eq=False)
 class Missed:
-    """Road users that no sensor found: boxes (M, 7) in the ego frame, names (M,); ``outside`` (M,): in no sensor's
-    field of view or beyond the map, rather than occluded."""
+    """Road users that no sensor found: boxes (M, 7) in the ego frame, names (M,); ``outside`` (M,): beyond the map, in
+    no sensor's field of view, or too far away to be large enough in any, rather than occluded."""
 
     boxes: np.ndarray
     names: np.ndarray

@@ -41,7 +41,7 @@ def side_columns(cells: Sequence[Cell]) -> list[SideColumn]:
         heading = "first detection, m ahead of the bumper: median (episodes without any, %)"
         columns.append(SideColumn(heading, _first_detection, of_perception=True))
     if any(_has(cell, "missed_outside") or _has(cell, "missed_occluded") for cell in cells):
-        heading = "threats unseen, ticks per episode: outside every field of view / occluded"
+        heading = "threats unseen, ticks per episode: outside every field of view, or too small in the image / occluded"
         columns.append(SideColumn(heading, _misses, of_perception=True))
     if any(_has(cell, "messages") for cell in cells):
         heading = "roadside maps used: mean size (kB) / mean age (ms)"

@@ -7,6 +7,8 @@ import hashlib
 from pathlib import Path
 from typing import Any
 
+from easydict import EasyDict
+
 from pcdet_avp import shipped
 from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
 from pcdet_avp.closed_loop.perception.factory import PerceptionKind, find_perception
@@ -36,7 +38,7 @@ SENSING_KEYS = ("SENSORS", *MAP_KEYS)  # all that perceivers without a network r
 def sweep_of(args: argparse.Namespace, loop_file: Path) -> Sweep:
     """The sweep that the arguments of ``tools/safety_eval.py`` ask for."""
     loop_overrides, overrides = split_overrides(args.overrides)
-    cfg = ignoring(apply_overrides(load_config(args.cfg), list(overrides)), args.ignore_config)
+    cfg = _config(args)
     check_values(cfg)
     closed_loop = plain(apply_overrides(load_config(loop_file), loop_overrides))
     EpisodeSettings.from_config(closed_loop)  # raises where a key or a value is wrong
@@ -69,6 +71,12 @@ def sweep_of(args: argparse.Namespace, loop_file: Path) -> Sweep:
         identity={perception.name: _identity(perception, cfg, perceiver), **_plan_identity(scenario.name)},
         search=args.search,
     )
+
+
+def _config(args: argparse.Namespace) -> EasyDict:
+    """The configuration that is driven with: ``--set`` without the loop's keys, and ``--ignore_config``."""
+    overrides = list(split_overrides(args.overrides)[1])
+    return ignoring(apply_overrides(load_config(args.cfg), overrides), args.ignore_config)
 
 
 def _named_combos(text: str) -> tuple[str, ...]:
@@ -145,16 +153,13 @@ def known_trials(args: argparse.Namespace, sweep: Sweep) -> list[int]:
     """The trials of a network's sweep that play in buildings of its training data."""
     if not find_perception(sweep.perception).uses_network:
         return []
-    cfg = apply_overrides(load_config(args.cfg), list(split_overrides(args.overrides)[1]))
-    return trials_in_training_garages(cfg.DATA_CONFIG, sweep.scenario, sweep.seed, sweep.trials)
+    return trials_in_training_garages(_config(args).DATA_CONFIG, sweep.scenario, sweep.seed, sweep.trials)
 
 
 def sweep_meta(args: argparse.Namespace, sweep: Sweep, started: float) -> dict[str, Any]:
     """Provenance of a sweep's figures, and the settings of the loop."""
-    overrides = split_overrides(args.overrides)[1]
-    cfg = apply_overrides(load_config(args.cfg), list(overrides))
     weights = sweep.identity[sweep.perception].get("weights")
-    meta = provenance(cfg, Path(args.cfg).stem, seed=sweep.seed, weights_hash=weights, started=started)
+    meta = provenance(_config(args), Path(args.cfg).stem, seed=sweep.seed, weights_hash=weights, started=started)
     meta |= {
         IN_TRAINING_GARAGES: known_trials(args, sweep),
         "closed_loop": dict(sweep.closed_loop),

@@ -21,6 +21,7 @@ from pcdet_avp.errors import RecordError
 from pcdet_avp.files import write_json
 from pcdet_avp.folder_lock import sole_user
 from pcdet_avp.provenance import git_commit
+from pcdet_avp.sim.scenarios.table import file_name, plays_on_plan
 
 JOURNAL, CLAIM = "journal.jsonl", "sweep.json"
 COMMITS, UNKNOWN = "git_commits", "unknown"  # key of the claim; a commit that was not kept
@@ -115,7 +116,21 @@ def _claim(file: Path, claim: dict[str, Any]) -> None:
         held = json.loads(file.read_text()) if file.exists() else {}
     except ValueError as error:
         raise RecordError(f"{file}: not JSON ({error})") from error
+    for name in claim:
+        if name not in held:
+            _refuse_namesake(file, name, held)
     for name, value in claim.items():
         if held.get(name, value) not in (value, {}):  # {}: of a version that did not say what the oracle was built from
             raise RecordError(f"{file}: holds a sweep with another {name}; choose another --out or remove the folder")
     write_json(file, {**held, **claim})
+
+
+def _refuse_namesake(file: Path, name: str, held: Mapping[str, Any]) -> None:
+    """RecordError where the folder holds the same scenario on a plan whose file has the same name in another folder:
+    the pages and videos of both would have the same names."""
+    others = [other for other in held if plays_on_plan(other) and file_name(other) == file_name(name)]
+    if plays_on_plan(name) and others:
+        raise RecordError(
+            f"{file}: holds a sweep of {others[0]}, whose plan has the same name as that of {name}; choose another "
+            "--out or another name"
+        )

@@ -56,11 +56,11 @@ class BevCodec(nn.Module):
         )
         self.map_size = MapSize.from_config(model_cfg)
 
-    def check_size(self, height: int, width: int, sender: int = 0) -> None:
+    def check_size(self, height: int, width: int, sender: int = 0, network: int = 0) -> None:
         """ConfigError where not even an empty map of a BEV grid of so many rows and columns fits MAX_BYTES, sent by the
-        roadside unit of this number."""
+        roadside unit of this number; ``network`` as in ``MapStamp``."""
         for codec in self.codecs.values():
-            codec.check(self.map_size, height, width, sender)
+            codec.check(self.map_size, height, width, sender, network)
 
     def codec_of(self, source: str) -> nn.Module:
         """The codec of a roadside source's modality."""

@@ -60,9 +60,9 @@ class MapCodec(nn.Module):
         same bytes with any number of threads, memory layout and runtime."""
         return (_Reduce.apply if usable_in_training(x, self.reduce.weight) else _reduced)(x, self.reduce.weight)
 
-    def check(self, size: MapSize, height: int, width: int, sender: int = 0) -> None:
+    def check(self, size: MapSize, height: int, width: int, sender: int = 0, network: int = 0) -> None:
         """ConfigError where not even an empty map of so many rows and columns could be sent within ``size``."""
-        size.check(self.latent_shape(height, width), self.precision, sender)
+        size.check(self.latent_shape(height, width), self.precision, sender, network)
 
     def latent_shape(self, height: int, width: int) -> tuple[int, int, int]:
         """(C / 8, H / 2, W / 2) of a map of this many rows and columns."""
@@ -128,7 +128,7 @@ class UncompressedMap(nn.Module):
     def __init__(self, model_cfg: Any, channels: int) -> None:
         super().__init__()
 
-    def check(self, size: MapSize, height: int, width: int, sender: int = 0) -> None:
+    def check(self, size: MapSize, height: int, width: int, sender: int = 0, network: int = 0) -> None:
         """Nothing is wrong with any size: there are no bytes of such a map."""
 
     def compress(self, x: Tensor) -> tuple[Tensor, Tensor]:

@@ -45,11 +45,15 @@ def open_deployed(folder: Path, runtime: str, cfg: Mapping, threads: int | None 
 def configured_map_size(cfg: Mapping, exported: Exported) -> MapSize:
     """What a configuration allows the maps on the air; ConfigError where no map of the exported network fits it, or
     none of the site's last unit."""
-    size, network = MapSize.from_config(cfg["MODEL"].get("COMPRESSION")), exported.network
-    sender = last_number(mounted_units(cfg.get("DATA_CONFIG", {}).get("ROADSIDE_UNITS")))
-    for precision in network.latent_precision.values():
-        size.check(network.latent_shape, precision, sender)
+    size = MapSize.from_config(cfg["MODEL"].get("COMPRESSION"))
+    check_map_size(size, exported, last_number(mounted_units(cfg.get("DATA_CONFIG", {}).get("ROADSIDE_UNITS"))))
     return size
+
+
+def check_map_size(size: MapSize, exported: Exported, sender: int, network: int = 0) -> None:
+    """ConfigError where no map of the exported network fits ``size``; ``sender`` and ``network`` as in ``MapStamp``."""
+    for precision in exported.network.latent_precision.values():
+        size.check(exported.network.latent_shape, precision, sender, network)
 
 
 def configured_suppression(cfg: Any, class_names: Sequence[str]) -> Suppression:

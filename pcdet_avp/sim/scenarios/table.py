@@ -117,6 +117,12 @@ def file_name(name: str) -> str:
     return f"{short}_{Path(plan).stem}" if plan else short
 
 
+def plays_on_plan(name: str) -> bool:
+    """Whether this is the name of a scenario on a plan, ``name@PLAN``."""
+    short, at, _ = name.partition(ON_PLAN)
+    return bool(at) and short in PLAN_SCENARIOS
+
+
 def _on_plan(short: str, plan: str) -> ScenarioKind:
     """A scenario whose sites are found in a plan (``plan_episodes``)."""
     if short not in PLAN_SCENARIOS:

@@ -1,15 +1,19 @@
 """The CommonRoad files read back by commonroad-io: lanes, road users at every step, the problem and what was driven."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from pcdet_avp.closed_loop.export.formats import FORMATS, ExportSettings
 from pcdet_avp.errors import OutputError
+from pcdet_avp.structures.ego import BUMPER_X_M
 
 reader = pytest.importorskip(
     "commonroad.common.file_reader", reason="needs commonroad-io: pip install pcdet_avp[commonroad]"
 )
 solution = pytest.importorskip("commonroad.common.solution")
+state = pytest.importorskip("commonroad.scenario.state")
 common_road = pytest.importorskip("pcdet_avp.closed_loop.export.common_road")
 TOLERANCE = 5.1e-7  # six decimals, rounded: the library alone cuts them off (findings/commonroad_decimals.sh)
 
@@ -65,6 +69,17 @@ def test_what_was_driven_solves_the_problem(files, opened, junction):
     np.testing.assert_allclose([state.velocity for state in states], record.log.speeds, atol=TOLERANCE)
     assert problem.goal.is_reached(states[-1])
     assert not problem.goal.is_reached(states[len(states) // 2])
+
+
+@pytest.mark.parametrize("limit_s", [90.0, 300.0])
+def test_the_goal_is_open_until_the_loops_time_limit(junction, limit_s):
+    """As where CLOSED_LOOP.TIME_LIMIT_S says so: a drive of 200 s that arrives has solved the problem if it may."""
+    record = replace(junction[0].record, time_limit_s=limit_s)
+    goal = common_road._problem(record).goal
+    assert goal.state_list[0].time_step.end == limit_s * 20  # of the loop's ticks a second
+    x, y, yaw = record.scenario.ego_pose(record.scenario.end_x - BUMPER_X_M)
+    arrived = state.CustomState(time_step=4000, position=np.array([x, y]), orientation=yaw, velocity=8.0)
+    assert goal.is_reached(arrived) == (limit_s > 200)
 
 
 def test_a_file_that_breaks_the_schema_is_not_written(junction, tmp_path, monkeypatch):

@@ -16,14 +16,15 @@ from pcdet_avp.structures.sensor_set import SENSOR_SETS, SensorSet
 
 CFG = load_config(Path(__file__).parents[3] / "cfgs" / "dataset_configs" / "avp_small.yaml")
 SETTINGS = PerceiverSettings(CFG)
+COARSE = PerceiverSettings(load_config("cfgs/dataset_configs/avp_tiny.yaml"))
 
 
-def look(scenes, place, combo, wall=None):
+def look(scenes, place, combo, wall=None, settings=SETTINGS):
     """What ``los`` finds of a pedestrian who stands at (metres ahead of the bumper, metres to the left)."""
     walls = [wall] if wall else []
     ahead, left = place
     scenario = scenes.scene(scenes.pedestrian([place, (ahead, left + 1)], start_s=99.0), layout=scenes.hall(*walls))
-    world, eye = scenario.world(), LineOfSight(SETTINGS)
+    world, eye = scenario.world(), LineOfSight(settings)
     world.set_ego(-35.0, scenes.LANE_Y, 0.0)  # its bumper 25 m on
     eye.begin(scenario, ())
     return eye.perceive(world, 0, SensorSet.parse(combo))
@@ -52,6 +53,13 @@ def test_outside_the_camera_s_angle_only_the_lidar_finds_it(scenes, combo, seen)
     found = look(scenes, (25.5, 9.0), combo)
     assert len(found.boxes) == seen
     assert found.missed.outside.tolist() == ([] if seen else [True])
+
+
+@pytest.mark.parametrize(("ahead", "verdict"), [(5.0, None), (30.0, True)])
+def test_who_is_too_small_in_the_image_counts_with_who_is_outside_it(scenes, ahead, verdict):
+    """192 pixels for 90 degrees: 1.8 x 0.5 m, 32 m from the camera, take about 5 x 2. Nothing stands in between."""
+    found = look(scenes, (25.0 + ahead, 0.0), "C+none", settings=COARSE)
+    assert found.missed.outside.tolist() == ([verdict] if verdict else [])
 
 
 def test_beyond_the_map_nobody_is_found(scenes):

@@ -150,6 +150,7 @@ def test_tables_of_detections_leave_the_baseline_out(sweep):
     with_baseline = {table.split("\n")[0]: "always slow | -" in table.split("![")[0] for table in tables}
     detections = [heading for heading in with_baseline if "first detection" in heading or "unseen" in heading]
     assert len(detections) == 2
+    assert "outside every field of view, or too small in the image / occluded" in detections[1]
     assert [heading for heading, found in with_baseline.items() if not found] == detections
 
 

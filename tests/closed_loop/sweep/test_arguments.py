@@ -5,19 +5,28 @@ from pathlib import Path
 
 import pytest
 
-from pcdet_avp.closed_loop.sweep.arguments import sweep_of
+from pcdet_avp.cli import load_arguments_config
+from pcdet_avp.closed_loop.sweep.arguments import sweep_meta, sweep_of
 from pcdet_avp.closed_loop.sweep.journal import open_journal
 from pcdet_avp.commands.safety_eval import parse_arguments
+from pcdet_avp.config import config_hash
 from pcdet_avp.errors import ConfigError, RecordError, SensorError
+
+LOOP_FILE = Path("cfgs", "closed_loop.yaml")
 
 
 @pytest.fixture
-def sweep(monkeypatch):
+def arguments(monkeypatch):
     def of(*words, scenario="pedestrian"):
         monkeypatch.setattr(sys, "argv", ["safety_eval.py", "--scenario", scenario, *words])
-        return sweep_of(parse_arguments(), Path("cfgs", "closed_loop.yaml"))
+        return parse_arguments()
 
     return of
+
+
+@pytest.fixture
+def sweep(arguments):
+    return lambda *words, **named: sweep_of(arguments(*words, **named), LOOP_FILE)
 
 
 def test_combinations_and_speeds_count_once_and_may_have_spaces(sweep):
@@ -67,3 +76,19 @@ def test_a_folder_of_a_version_that_did_not_say_goes_on_and_says_it_then(sweep, 
     wider = sweep("--perception", "oracle", *WIDER).identity
     with pytest.raises(RecordError, match="another oracle"), open_journal(tmp_path, wider):
         pass
+
+
+def test_the_hash_in_the_results_is_that_of_the_configuration_that_was_driven_with(arguments, tmp_path):
+    """As in ``tools/test.py``, whose configuration has what ``--ignore_config`` says."""
+    (tmp_path / "any.pth").write_bytes(b"weights that nobody reads here")
+    words = ("--perception", "model", "--cfg", "cfgs/avp/cp_tiny.yaml", "--ckpt", str(tmp_path / "any.pth"))
+    hashes = []
+    for ignored in ((), ("--ignore_config", "CLASS_NAMES")):
+        args = arguments(*words, *ignored)
+        sweep = sweep_of(args, LOOP_FILE)
+        meta = sweep_meta(args, sweep, 0.0)
+        driven = sweep.identity["model"]["config_hash"]
+        assert meta["config_hash"] == meta["perceptions"]["model"]["config_hash"] == driven
+        assert driven == config_hash(load_arguments_config(args))
+        hashes.append(driven)
+    assert hashes[0] != hashes[1]

@@ -244,6 +244,21 @@ def test_a_folder_with_another_sweep_is_not_mixed_up(reference, in_this_process)
         run_sweep(asked(closed_loop={**LOOP, "HOLD_TICKS": 9}), reference)
 
 
+def test_plans_of_one_name_do_not_share_a_folder(tmp_path):
+    """Pages and videos are named after the scenario and the plan's file; a perception's ``@`` names no plan."""
+
+    def sweep(scenario, perception):
+        with open_journal(tmp_path, {"seed": 0, scenario: "its content", perception: {}}):
+            pass
+
+    sweep("pedestrian@a/loop.yaml", "los@off_0.5m_2deg")
+    sweep("pedestrian@a/loop.yaml", "los@off_0.7m_2deg")
+    sweep("pedestrian@a/deck.yaml", "los")
+    sweep("t_junction@b/loop.yaml", "los")
+    with pytest.raises(RecordError, match=r"a sweep of pedestrian@a/loop\.yaml, whose plan .* pedestrian@b/loop\.yaml"):
+        sweep("pedestrian@b/loop.yaml", "los")
+
+
 def test_two_sweeps_at_once_in_a_folder_are_refused(tmp_path):
     """Each would write tables without the other's episodes."""
     taken = pytest.raises(RecordError, match=r"held by process \d+ on")
