@@ -68,6 +68,7 @@ def test_without_an_error_nothing_is_corrected(own, values):
 
 
 def test_maps_without_overlap_correct_nothing(own, values):
+    """Elsewhere that is the smallest of all errors (findings/small_gicp_no_overlap.sh)."""
     assert Registrar(GRID, ON)(own, [Received(values, Pose.from_xyz_yaw(-60.0, 0.0, yaw=np.pi))]) is NONE
 
 
