@@ -14,7 +14,7 @@
 # Way out: no indices of TopK out of a graph: take the k-th value as a threshold, or choose outside of it; no int8
 # results that must agree to the bit across runtimes.
 #
-# Seen (2026-11-30, AVX2), 100 of 1,000 values on 20 levels, ten times: places of 1,000 unlike ONNX's, cells not its own;
+# Seen (2026-11-30, AVX-512), 100 of 1,000 values on 20 levels, ten times: places of 1,000 unlike ONNX's, cells not its own;
 # 0.5, 1.5, 2.5, -0.5 quantised with step 1 and taken back, zero point 128, then 3
 #     onnxruntime: 0, 0; 0 2 2 0, 0 2 2 0
 #     openvino: 987, 47; 0 2 2 0, 1 1 3 -1
