@@ -61,7 +61,7 @@ def _options(args: argparse.Namespace, name: str, combo: str) -> argparse.Namesp
     options = copy.copy(args)
     options.train, options.ckpt, options.new_ckpt = combo, "none", None
     options.cfg = "cfgs/avp/cp_small.yaml" if name.endswith("cp_small") else "cfgs/avp/cp_small_first.yaml"
-    options.new_cfg = None
+    options.new_cfg, options.precision = None, "float32"
     return options
 
 

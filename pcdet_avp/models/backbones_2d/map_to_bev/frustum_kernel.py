@@ -69,7 +69,7 @@ def _seen_rows(
         n, begin = sample_seen_voxels(
             pixels, bins, *where, projection.image_size[1], begin, bits_of(samples), kept[found:]
         )
-        torch.mm(samples[:n].view(n, -1), matrix, out=out[found : found + n])
+        torch.mm(samples[:n].view(n, len(matrix)), matrix, out=out[found : found + n])  # n may be 0
         found += n
     return array_of(out[:found].float()), array_of(projection.columns)[kept[:found]]
 

@@ -90,6 +90,21 @@ def test_what_next_to_nothing_is_seen_of_stays_zero():
     torch.testing.assert_close(found, expected, atol=1e-3 * float(expected.abs().max()), rtol=0)
 
 
+@pytest.mark.parametrize("chunk", [1, 2, 3, 5, kernels.CHUNK_COLUMNS])
+@pytest.mark.parametrize("precision", ["float32", "bf16"])
+def test_any_number_of_columns_may_be_left_when_a_chunk_is_full(monkeypatch, chunk, precision):
+    """All pixels are sure that the depth lies beyond the bins, but one: few columns hold anything, or none."""
+    monkeypatch.setattr(kernels, "CHUNK_COLUMNS", chunk)
+    features, logits, matrix = images(2)
+    logits[:, -1] += 40.0
+    logits[1, 3, 3, 5] += 60.0
+    with computing_in(precision):
+        expected, found = both(head(), features, logits, matrix)
+    torch.testing.assert_close(found, expected, atol=0.02 * float(expected.abs().max()), rtol=0)
+    assert not found[0].any()
+    assert 0 < int((found[1] != 0).any(0).sum()) < 30
+
+
 def test_in_bf16_the_map_is_the_same_but_for_rounding():
     inputs, to_bev = images(), head()
     with torch.no_grad():
