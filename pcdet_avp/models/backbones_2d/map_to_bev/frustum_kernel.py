@@ -39,8 +39,8 @@ def normalised_map(
 ) -> Tensor:
     """relu(norm(map)), (cells, C_out), of the map that ``collapse`` fills; for inference.
 
-    A depth distribution is sharp: most voxels of most columns weigh next to nothing (``NEGLIGIBLE``), and three
-    columns in four no voxel at all. Those stay exactly zero, and nothing behind this has work with them.
+    A depth distribution is sharp: most voxels weigh next to nothing (``NEGLIGIBLE``), and in about half of the columns
+    all of them do. Those columns stay exactly zero, and nothing behind this has work with them.
     """
     rows, where = _seen_rows(features, probabilities, matrix, projection)
     scale = norm.scale_of(sum_of_squares(rows), max(len(projection.columns) * rows.shape[1], 1))
