@@ -14,6 +14,7 @@ placement_ap.json with provenance and both classes; the same command goes on whe
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import logging
 from pathlib import Path
@@ -46,15 +47,39 @@ def parse_arguments() -> argparse.Namespace:
 
 def main() -> None:
     args, logger = parse_arguments(), logging.getLogger("placement_ap")
-    cfg, details = load_arguments_config(args), args.out / "placement_ap.json"
-    rows: dict[str, dict[str, Any]] = json.loads(details.read_text())["rows"] if details.exists() else {}
+    load_arguments_config(args)  # raises where it is wrong, before anything is made
+    details, settings = args.out / "placement_ap.json", settings_of(args)
+    rows = known_rows(details, settings)
     for plan in chosen_plans(args.plans, args.count):
         if plan.stem not in rows:
             meta, rows[plan.stem] = measure(args, plan, logger)
-            write_json(details, {"meta": meta, "combo": args.combo, "scenes": args.scenes, "rows": rows})
+            write_json(details, {"meta": meta, "settings": settings, "rows": rows})
             write_json(args.out / "measured.json", {name: row["mean"] for name, row in rows.items()})
         print(f"{plan.stem}: " + ", ".join(f"{key} {value:.1f}" for key, value in rows[plan.stem].items()))
-    print(f"wrote {args.out / 'measured.json'} of {cfg.MODEL.NAME}")
+    print(f"wrote {args.out / 'measured.json'}")
+
+
+def settings_of(args: argparse.Namespace) -> dict[str, Any]:
+    """What the figures depend on; plain values."""
+    weights = hashlib.sha256(args.ckpt.read_bytes()).hexdigest()
+    return {
+        "cfg": args.cfg,
+        "set": list(args.overrides),
+        "weights": weights,
+        "combo": args.combo,
+        "scenes": args.scenes,
+    }
+
+
+def known_rows(details: Path, settings: dict[str, Any]) -> dict[str, dict[str, float]]:
+    """The placements that an earlier run of the same settings measured; ConfigError where they were others."""
+    if not details.exists():
+        return {}
+    content = json.loads(details.read_text())
+    if content["settings"] != settings:
+        changed = ", ".join(key for key, value in settings.items() if content["settings"].get(key) != value)
+        raise ConfigError(f"{details}: was measured with other settings ({changed}); give another --out")
+    return content["rows"]
 
 
 def chosen_plans(folder: Path, count: int) -> list[Path]:
@@ -69,8 +94,9 @@ def measure(args: argparse.Namespace, plan: Path, logger: logging.Logger) -> tup
     """Provenance, and AP (%) by class and their mean."""
     root = args.out / "data" / plan.stem
     made = ["DATA_CONFIG.DATA_PATH", str(root.absolute()), "DATA_CONFIG.GENERATE.PLAN", str(plan.absolute())]
-    made += ["DATA_CONFIG.GENERATE.SCENES", str(args.scenes), "DATA_CONFIG.GENERATE.SPLIT", "{val: 0.0, test: 1.0}"]
+    made += ["DATA_CONFIG.GENERATE.SCENES", str(args.scenes), "DATA_CONFIG.GENERATE.SPLIT", "{val: 0.0, test: 0.99}"]
     cfg = apply_overrides(load_config(args.cfg), [*args.overrides, *made])
+    cfg.DATA_CONFIG.GENERATE.pop("MAST", None)  # of weights for units of any pose; the plan has its own
     generate(cfg.DATA_CONFIG, root, workers=args.workers)
     ranks = distributed.start(device="cpu")
     name = Path(args.cfg).stem

@@ -39,8 +39,6 @@ def frustum_collapse(
     side of an edge appear at the other side's depth; it is there to be compared with. ``nearest`` needs rays of the
     same kind and takes one pixel instead of four, at less than half of the cost.
     """
-    if sampling == "trilinear" and usable(features, probabilities, weight):
-        return kernels.collapse(features, probabilities, as_matrix(weight.detach()), projection)
     return _FrustumCollapse.apply(features, probabilities, weight, projection, sampling)
 
 
