@@ -83,9 +83,10 @@ MAST = {
     **dict.fromkeys(("YAW_DEG", "OFFSET_M"), NUMBER.list_of(2)),
     "LOWEST_CEILING_M": POSITIVE,
 }
+LATE_SIGHT = {"SHARE": SHARE, "VANS_OUT_M": NUMBER.list_of(2), "STEPPING_OUT": COUNTS, "CHILD_SHARE": SHARE}
 GENERATED_SCENES = {
     f"GENERATE.{part}.{key}": rule
-    for part, rules in (("GARAGE", GARAGE), ("SCENE", SCENE), ("MAST", MAST))
+    for part, rules in (("GARAGE", GARAGE), ("SCENE", SCENE), ("MAST", MAST), ("LATE_SIGHT", LATE_SIGHT))
     for key, rule in rules.items()
 }
 DATA = {

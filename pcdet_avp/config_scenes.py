@@ -11,13 +11,17 @@ from dataclasses import asdict, replace
 from typing import Any
 
 from pcdet_avp.config_fields import fields_from
-from pcdet_avp.structures.scene_config import EgoZone, GarageConfig, MastConfig, SceneConfig
+from pcdet_avp.structures.scene_config import EgoZone, GarageConfig, LateSightConfig, MastConfig, SceneConfig
 
-LATER_KEYS = ("PLAN", "GARAGE_SEED", "MAST")  # of GENERATE: null, or absent, means what data sets were without them
+LATER_KEYS = ("PLAN", "GARAGE_SEED", "MAST", "LATE_SIGHT")  # of GENERATE: null, or absent, means what data sets were without them
 # Keys of GENERATE that a configuration may lack; --set may add them.
 OPTIONAL_KEYS = (*LATER_KEYS, "SPLIT", "SOURCES")
 # Fields that other keys set.
-ELSEWHERE = {"GARAGE": (), "SCENE": ("frames", "frame_interval_s", "garage", "plan", "garage_seed", "mast")}
+ELSEWHERE = {
+    "GARAGE": (),
+    "SCENE": ("frames", "frame_interval_s", "garage", "plan", "garage_seed", "mast", "late_sight"),
+}
+SECTIONS = {"MAST": MastConfig, "LATE_SIGHT": LateSightConfig}  # of GENERATE that may be absent: then there is none
 
 
 def scene_config(generate: Mapping[str, Any]) -> SceneConfig:
@@ -29,16 +33,17 @@ def scene_config(generate: Mapping[str, Any]) -> SceneConfig:
         zones = [fields_from(EgoZone, zone, f"{where}.SCENE.ZONES") for zone in scene["zones"]]
         scene["zones"] = [EgoZone(**_with_tuples(zone)) for zone in zones]
     times = {"frames": generate["FRAMES_PER_SCENE"], "frame_interval_s": float(generate["FRAME_INTERVAL_S"])}
-    place = {"plan": generate.get("PLAN"), "garage_seed": generate.get("GARAGE_SEED"), "mast": _mast(generate)}
+    place = {"plan": generate.get("PLAN"), "garage_seed": generate.get("GARAGE_SEED")}
+    place |= {name.lower(): _section(generate, name) for name in SECTIONS}
     return replace(SceneConfig(), garage=GarageConfig(**_with_tuples(garage)), **_with_tuples(scene), **times, **place)
 
 
-def _mast(generate: Mapping[str, Any]) -> MastConfig | None:
-    """The ranges of GENERATE.MAST; None where it is absent or null."""
-    section = generate.get("MAST")
+def _section(generate: Mapping[str, Any], name: str) -> MastConfig | LateSightConfig | None:
+    """The settings of one of SECTIONS; None where it is absent or null."""
+    section, kind = generate.get(name), SECTIONS[name]
     if section is None:
         return None
-    return MastConfig(**_with_tuples(fields_from(MastConfig, section, "DATA_CONFIG.GENERATE.MAST")))
+    return kind(**_with_tuples(fields_from(kind, section, f"DATA_CONFIG.GENERATE.{name}")))
 
 
 def _with_tuples(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -61,7 +66,7 @@ def _in_capitals(value: Any) -> Any:
 
 
 DEFAULTS = as_sections(SceneConfig())
-MAST_DEFAULTS = _in_capitals(asdict(MastConfig()))
+SECTION_DEFAULTS = {name: _in_capitals(asdict(kind())) for name, kind in SECTIONS.items()}
 
 
 def known_name(key: str, above: Sequence[str]) -> str:
@@ -71,12 +76,13 @@ def known_name(key: str, above: Sequence[str]) -> str:
 
 
 def completed(generate: Mapping[str, Any]) -> dict[str, Any]:
-    """GENERATE with LATER_KEYS and every key of GARAGE, SCENE and, if there is one, MAST, what it lacks at its default:
-    for comparisons."""
+    """GENERATE with LATER_KEYS and every key of GARAGE, SCENE and those SECTIONS that there are, what it lacks at its
+    default: for comparisons."""
     given = {name: _renamed(generate.get(name) or {}, name) for name in DEFAULTS}
     sections = {name: {**DEFAULTS[name], **given[name]} for name in DEFAULTS}
-    if generate.get("MAST") is not None:  # an empty section draws masts, none draws none
-        sections["MAST"] = {**MAST_DEFAULTS, **generate["MAST"]}
+    for name, defaults in SECTION_DEFAULTS.items():
+        if generate.get(name) is not None:  # an empty section draws masts, none draws none
+            sections[name] = {**defaults, **generate[name]}
     return {**dict.fromkeys(LATER_KEYS), **generate, **sections}
 
 

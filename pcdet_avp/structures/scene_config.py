@@ -72,6 +72,22 @@ class MastConfig:
 
 
 @dataclass(frozen=True)
+class LateSightConfig:
+    """People who step out close behind parked vans, as ``pedestrian_late`` has them: seen late, many of them children.
+
+    In ``share`` of the scenes every bay begins, as the ego comes, with a van, the rest of it are low cars, and
+    ``stepping_out`` people walk out of the gaps behind the vans and across the road."""
+
+    share: float = 0.5
+    vans_out_m: tuple[float, float] = (-0.3, 0.3)  # of a van's tail beyond the edge of the road; negative: short of it
+    stepping_out: tuple[int, int] = (2, 5)
+    child_share: float = 0.5
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
+@dataclass(frozen=True)
 class EgoZone:
     """Where the ego is while a scene lasts, as distance before the mast, and what is special there."""
 
@@ -109,6 +125,7 @@ class SceneConfig:
     mast: MastConfig | None = (
         None  # ranges of the roadside unit's pose; None: at the origin, as high as the sensors say
     )
+    late_sight: LateSightConfig | None = None  # None: vans and people are where chance puts them
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -116,6 +133,8 @@ class SceneConfig:
             raise ConfigError("DATA_CONFIG.GENERATE: expected PLAN or GARAGE_SEED, found both: a plan is one garage")
         if self.plan is not None and self.mast is not None:
             raise ConfigError("DATA_CONFIG.GENERATE: expected PLAN or MAST, found both: a plan has its own units")
+        if self.plan is not None and self.late_sight is not None:
+            raise ConfigError("DATA_CONFIG.GENERATE: expected PLAN or LATE_SIGHT, found both: a plan has its own bays")
         total = math.fsum(zone.share for zone in self.zones)
         if not math.isclose(total, 1.0, abs_tol=1e-8):
             raise ConfigError(f"SceneConfig.zones: expected shares that add up to 1, found a sum of {total}")

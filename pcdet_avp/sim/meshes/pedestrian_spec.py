@@ -56,9 +56,11 @@ class PedestrianSpec:
         return (self.box_side, self.box_side, self.height)
 
 
-def draw_pedestrian(rng: np.random.Generator, kind: str | None = None) -> PedestrianSpec:
+def draw_pedestrian(
+    rng: np.random.Generator, kind: str | None = None, child_share: float = CHILD_SHARE
+) -> PedestrianSpec:
     """A random person; ``kind`` fixes adult or child."""
-    kind = kind or ("child" if rng.uniform() < CHILD_SHARE else "adult")
+    kind = kind or ("child" if rng.uniform() < child_share else "adult")
 
     def color(palette) -> Color:
         return tuple(np.clip(np.array(palette[rng.integers(len(palette))]) * rng.uniform(0.7, 1.4), 0, 0.8).tolist())

@@ -9,9 +9,9 @@ from collections.abc import Callable
 import numpy as np
 
 from pcdet_avp.sim.actors import Actor, Car, Pedestrian, box_at
-from pcdet_avp.sim.garage import GarageLayout
+from pcdet_avp.sim.garage import GarageLayout, Slot
 from pcdet_avp.sim.meshes.car_spec import draw_car
-from pcdet_avp.sim.meshes.pedestrian_spec import draw_pedestrian
+from pcdet_avp.sim.meshes.pedestrian_spec import CHILD_SHARE, draw_pedestrian
 from pcdet_avp.sim.plans.floor import FloorLayout
 from pcdet_avp.sim.scenarios.reservations import Reservations
 from pcdet_avp.sim.scenarios.traffic import draw_parked
@@ -32,7 +32,7 @@ class Cast:
     ) -> None:
         """``times`` (F,): of the frames, seconds."""
         self.rng, self.cfg = rng, cfg
-        self.parked = draw_parked(rng, layout, rng.uniform(*cfg.occupancy))
+        self.parked = self._draw_parked(layout)
         self.actors: list[Actor] = list(self.parked.values())
         standing = [box_at(car, 0.0) for car in self.actors]
         checks = np.linspace(times[0], times[-1], STEPS_PER_FRAME * (len(times) - 1) + 1)
@@ -40,15 +40,20 @@ class Cast:
         self._taken.claim(ego, EGO_SPEC.size, 0.0)
         self.middle_s = times[-1] / 2
 
+    def _draw_parked(self, layout: GarageLayout | FloorLayout) -> dict[Slot, Car]:
+        return draw_parked(self.rng, layout, self.rng.uniform(*self.cfg.occupancy))
+
     def _add_car(self, draw: Callable[[], Trajectory]) -> None:
         spec = draw_car(self.rng)
         trajectory = self._placed(draw, spec.size, CAR_MARGIN_M)
         if trajectory is not None:
             self.actors.append(Car(len(self.actors), spec, trajectory, lamps_on=True))
 
-    def _add_pedestrians(self, count: tuple[int, int], draw: Callable[[], Trajectory]) -> None:
+    def _add_pedestrians(
+        self, count: tuple[int, int], draw: Callable[[], Trajectory], child_share: float = CHILD_SHARE
+    ) -> None:
         for _ in range(self.rng.integers(count[0], count[1] + 1)):
-            spec = draw_pedestrian(self.rng)
+            spec = draw_pedestrian(self.rng, child_share=child_share)
             trajectory = self._placed(draw, spec.size, PEDESTRIAN_MARGIN_M)
             if trajectory is not None:
                 self.actors.append(Pedestrian(len(self.actors), spec, trajectory))

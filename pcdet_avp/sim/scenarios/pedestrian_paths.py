@@ -1,4 +1,4 @@
-"""People: standing in the gaps between parked vehicles, crossing the road to and fro, walking along its edge."""
+"""People: standing in gaps between parked vehicles or stepping out of them, crossing the road, walking along it."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from pcdet_avp.sim.trajectories import Pacing, Standing
 
 DEPTH_SKEW = 2.6  # 1 spreads people evenly over the depth of a gap, more draws them towards its mouth
 WALKING_SPEED_MPS = (0.7, 1.8)
+STEPPING_OUT_MPS = (1.0, 2.2)
 EDGE_Y_M = (3.0, 3.25)  # those who walk along the road keep this far from its axis
 SIDE_WALK_Y_M = (-17.0, -4.0)  # those who walk along the side road turn somewhere in here
 
@@ -48,6 +49,15 @@ def draw_crossing(rng: np.random.Generator, x: float) -> Pacing:
     speed = float(rng.uniform(*WALKING_SPEED_MPS))
     aslant = float(rng.normal(0, 0.3))
     return Pacing(x, float(ends[0]), x + aslant, float(-ends[1]), speed, -float(rng.uniform(0, 20)))
+
+
+def draw_stepping_out(rng: np.random.Generator, place: np.ndarray, scene_s: float) -> Pacing:
+    """Someone who walks out of a gap and across the road, and passes its mouth while a scene of ``scene_s`` lasts."""
+    x, mouth_y = float(place[0]), float(place[1])
+    side, speed = float(np.sign(mouth_y)), float(rng.uniform(*STEPPING_OUT_MPS))
+    inside = float(rng.uniform(1.0, 2.5))
+    leaves_s = rng.uniform(0, scene_s) - (inside + rng.uniform(-0.5, 1.5)) / speed
+    return Pacing(x, mouth_y + side * inside, x + float(rng.normal(0, 0.2)), -side * 3.0, speed, float(leaves_s))
 
 
 def draw_along(rng: np.random.Generator, x: float) -> Pacing:

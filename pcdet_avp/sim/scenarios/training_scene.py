@@ -21,14 +21,16 @@ from pcdet_avp.sim.scenarios.pedestrian_paths import (
     draw_crossing,
     draw_in_gap,
     draw_on_side_road,
+    draw_stepping_out,
     vehicle_gaps,
 )
 from pcdet_avp.sim.scenarios.plan_scene import draw_on_plan
 from pcdet_avp.sim.scenarios.traffic import draw_junction_route, draw_lane_route
+from pcdet_avp.sim.scenarios.van_rows import Parked, places_behind_vans, vans_first
 from pcdet_avp.sim.trajectories import Path, Route, Trajectory
 from pcdet_avp.sim.world import World
 from pcdet_avp.structures.roadside_unit import MountedUnit
-from pcdet_avp.structures.scene_config import EgoZone, SceneConfig
+from pcdet_avp.structures.scene_config import EgoZone, LateSightConfig, SceneConfig
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +96,11 @@ class _GarageCast(Cast):
         self.layout = layout
         self.x_range = ego.at(0.0).x - 2.0, min(ego.at(times[-1]).x + cfg.view_m, -1.0)
 
+    def _draw_parked(self, layout: GarageLayout) -> Parked:
+        parked, late = super()._draw_parked(layout), self.cfg.late_sight
+        self.late = late if late is not None and self.rng.random() < late.share else None
+        return parked if self.late is None else vans_first(self.rng, self.late.vans_out_m, layout, parked)
+
     def draw(self, zone: EgoZone) -> list[Actor]:
         rng, layout, cfg = self.rng, self.layout, self.cfg
         if rng.random() < zone.junction_share:
@@ -102,8 +109,9 @@ class _GarageCast(Cast):
         for same_way, count in ((True, cfg.same_lane), (False, cfg.opposite_lane)):
             for _ in range(rng.integers(count[0], count[1] + 1)):
                 self._add_car(lambda way=same_way: draw_lane_route(rng, layout, self._x(), way))
-        gaps = vehicle_gaps(layout, self.parked)
-        gaps = gaps[(gaps[:, 0] > self.x_range[0]) & (gaps[:, 0] < self.x_range[1])]
+        if self.late is not None:
+            self._add_stepping_out(self.late)
+        gaps = self._in_view(vehicle_gaps(layout, self.parked))
         if len(gaps):
             self._add_pedestrians(cfg.in_gap, lambda: draw_in_gap(rng, gaps[rng.integers(len(gaps))], cfg.gap_depth_m))
         self._add_pedestrians(cfg.crossing, lambda: draw_crossing(rng, self._x()))
@@ -111,6 +119,19 @@ class _GarageCast(Cast):
         if self.x_range[1] > layout.junction_x:
             self._add_pedestrians(cfg.on_side_road, lambda: draw_on_side_road(rng, layout))
         return self.actors
+
+    def _add_stepping_out(self, late: LateSightConfig) -> None:
+        places = self._in_view(places_behind_vans(self.layout, self.parked))
+        if len(places):
+            self._add_pedestrians(
+                late.stepping_out,
+                lambda: draw_stepping_out(self.rng, places[self.rng.integers(len(places))], 2 * self.middle_s),
+                late.child_share,
+            )
+
+    def _in_view(self, places: np.ndarray) -> np.ndarray:
+        """Those of the places (G, 3) x, y, heading where people are drawn."""
+        return places[(places[:, 0] > self.x_range[0]) & (places[:, 0] < self.x_range[1])]
 
     def _x(self) -> float:
         return float(self.rng.uniform(*self.x_range))
