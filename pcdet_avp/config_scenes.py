@@ -13,7 +13,8 @@ from typing import Any
 from pcdet_avp.config_fields import fields_from
 from pcdet_avp.structures.scene_config import EgoZone, GarageConfig, LateSightConfig, MastConfig, SceneConfig
 
-LATER_KEYS = ("PLAN", "GARAGE_SEED", "MAST", "LATE_SIGHT")  # of GENERATE: null, or absent, means what data sets were without them
+# Of GENERATE: null, or absent, means what data sets were without them.
+LATER_KEYS = ("PLAN", "GARAGE_SEED", "MAST", "LATE_SIGHT")
 # Keys of GENERATE that a configuration may lack; --set may add them.
 OPTIONAL_KEYS = (*LATER_KEYS, "SPLIT", "SOURCES")
 # Fields that other keys set.
