@@ -99,7 +99,7 @@ def test_the_section_is_read_and_absent_keys_mean_defaults():
 
 
 @pytest.mark.parametrize(
-    "section, said",
+    ("section", "said"),
     [
         ({"SHAER": 0.5}, r"GENERATE\.LATE_SIGHT.*SHAER"),
         ({"STEPPING_OUT": [3, 1]}, r"LateSightConfig\.stepping_out: expected \(low, high\)"),
