@@ -4,10 +4,11 @@ import sys
 
 import numpy as np
 import pytest
-from plan_files import STRAIGHT, written
+from plan_files import STRAIGHT, parsed, written
 
 from pcdet_avp.commands import garage as garage_command
 from pcdet_avp.errors import ConfigError, RecordError
+from pcdet_avp.placement.drawing import floor_figure
 
 MORE = """\
     rows:
@@ -61,6 +62,15 @@ def test_another_plan_does_not_draw_over_the_drawings_of_one(tmp_path, load_tool
     with pytest.raises(RecordError, match=r"out: holds the drawings of .*one.*; choose another --out"):
         garage(load_tool, monkeypatch, "--plan", two, "--out", tmp_path / "out")
     assert drawn == [str(one)] * 2
+
+
+def test_a_drawing_has_a_size_that_programs_open(tmp_path):
+    """A straight of 900 m at the scale of a small garage would be 15,000 pixels wide."""
+    floor = parsed(tmp_path, STRAIGHT.replace("line_m: 40", "line_m: 900"))
+    figure, _ = floor_figure(floor)
+    assert max(figure.get_size_inches()) <= 60.0
+    figure, _ = floor_figure(parsed(tmp_path))
+    assert figure.get_size_inches() == pytest.approx([6.0, 6.0 * 10 / 44 + 0.7])
 
 
 def test_all_mistakes_are_told(tmp_path, load_tool, monkeypatch, capsys):
