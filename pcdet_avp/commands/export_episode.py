@@ -7,8 +7,10 @@ The same scenario, seed, trial, speed, combination and perception give the same 
 from __future__ import annotations
 
 import argparse
+import json
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from tqdm import tqdm
 
@@ -22,11 +24,15 @@ from pcdet_avp.closed_loop.perception.faults import FAULTS, MARK
 from pcdet_avp.closed_loop.perception.link_options import add_link_arguments
 from pcdet_avp.closed_loop.sweep.arguments import sweep_of
 from pcdet_avp.closed_loop.sweep.episode_row import Case
+from pcdet_avp.closed_loop.sweep.sweep import Sweep
+from pcdet_avp.errors import RecordError
+from pcdet_avp.files import write_json
 from pcdet_avp.runtime_arguments import add_runtime_arguments
 from pcdet_avp.sim.scenarios.table import ON_PLAN, SCENARIOS
 from pcdet_avp.structures.sensor_set import SensorSet
 
 ALL_SENSORS = "CL+CL"
+CLAIM = "episodes.json"  # beside the files: what each of them was driven from, by their name
 
 
 def parse_arguments() -> argparse.Namespace:
@@ -66,12 +72,32 @@ def main() -> None:
         each.check(belongs_to.scenario)
     sweep = sweep_of(belongs_to, Path("cfgs", "closed_loop.yaml"))
     case = Case(sweep.scenario, *sweep.rows[0], args.speed, args.trial)
+    stem = episode_stem(case) + (f"_seed{sweep.seed}" if sweep.seed else "")
+    claims = claimed(args.out / CLAIM, stem, sweep)
     driver, alone = CaseDriver(sweep), vehicle_alone(case) if "html" in args.formats else None
     drives = [driver.drive(each) for each in tqdm([case, alone] if alone else [case], desc="driving", unit="drive")]
     print(f"{drives[0].record.title}: {drives[0].record.ending()}")
+    write_json(args.out / CLAIM, claims)
     for each in formats:
-        for file in each.write(drives, args.out / episode_stem(case), ExportSettings(args.every, args.width)):
+        for file in each.write(drives, args.out / stem, ExportSettings(args.every, args.width)):
             print(f"wrote {file}")
+
+
+def claimed(file: Path, stem: str, sweep: Sweep) -> dict[str, Any]:
+    """What the folder's episodes were driven from, this one's name among them; RecordError where files of that name
+    come from other settings, which their name does not tell."""
+    try:
+        held = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+        held = {str(name): dict(settings) for name, settings in held.items()}
+    except (OSError, ValueError, TypeError, AttributeError) as error:
+        raise RecordError(f"{file}: not a list of episodes ({error!r}); choose another --out or remove it") from error
+    settings = {"closed_loop": sweep.closed_loop, "perception": sweep.identity[sweep.perception]}
+    settings["plan"] = sweep.identity.get(sweep.scenario)
+    own = json.loads(json.dumps(settings))
+    for name, value in held.get(stem, own).items():
+        if own.get(name) != value:
+            raise RecordError(f"{file}: holds {stem} with another {name}; choose another --out or remove its files")
+    return {**held, stem: own}
 
 
 def as_sweep(args: argparse.Namespace) -> argparse.Namespace:

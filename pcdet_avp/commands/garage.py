@@ -6,8 +6,10 @@ Every mistake is one line with the plan's line number; the exit status is then 2
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 from functools import partial
+from itertools import chain, count
 from pathlib import Path
 
 import numpy as np
@@ -47,8 +49,9 @@ def main() -> None:
     if not args.check:
         out = args.out or Path("output", "garage", Path(args.plan).stem)
         claim_folder(out, plan)
+        taken: set[str] = set()
         for floor in plan.floors:
-            draw(plan, floor, out, args.occupancy)
+            draw(plan, floor, out, args.occupancy, taken)
 
 
 def refuse_problems(plan: Plan) -> None:
@@ -81,16 +84,28 @@ def summary(plan: Plan, floor: Floor) -> str:
     )
 
 
-def draw(plan: Plan, floor: Floor, out: Path, occupancy: float) -> None:
-    """The plan as SVG and PNG, and one picture from each mount and way that a sensor there may look."""
+def draw(plan: Plan, floor: Floor, out: Path, occupancy: float, taken: set[str]) -> None:
+    """The plan as SVG and PNG, and one picture from each mount and way that a sensor there may look. ``taken``: the
+    names of the folder's drawings so far."""
     figure, _ = floor_figure(floor, title=f"{plan.name}, {floor.name}")
+    stem = own_stem(floor.name, taken)
     for suffix in (".svg", ".png"):
-        print(f"wrote {save_figure(figure, out / f'{floor.name}{suffix}')}")
+        print(f"wrote {save_figure(figure, out / f'{stem}{suffix}')}")
     world = furnished_world(floor, occupancy)
     for unit in tqdm([*floor.units, *looks(floor)], desc="pictures", unit="picture", leave=False):
-        file = out / f"{floor.name}_{unit.id}.png"
+        file = out / f"{own_stem(f'{floor.name}_{unit.id}', taken)}.png"
         write_picture(file, picture(world, unit))
         print(f"wrote {file}")
+
+
+def own_stem(name: str, taken: set[str]) -> str:
+    """A file's name for a name of the plan, which is added to those ``taken``: what leads to another folder or cannot
+    be read becomes ``_``, and one that is taken gets a number. Upper case makes no name different."""
+    plain = re.sub(r"[^\w .@+()-]", "_", name)
+    names = chain([plain], (f"{plain}_{k}" for k in count(2)))
+    stem = next(each for each in names if each.lower() not in taken)
+    taken.add(stem.lower())
+    return stem
 
 
 def looks(floor: Floor) -> list[MountedUnit]:
@@ -98,7 +113,7 @@ def looks(floor: Floor) -> list[MountedUnit]:
     units = []
     for mount in floor.mounts:
         for yaw in mount.yaws or (lane_yaw(floor, mount),):
-            name = f"mount_{mount.id}_{np.degrees(yaw) % 360:.0f}"
+            name = f"mount_{mount.id}_{np.degrees(yaw) % 360:.6g}"
             units.append(MountedUnit(mount.x, mount.y, mount.z, yaw, pitch_by_height(mount.z), id=name))
     return units
 

@@ -17,7 +17,7 @@ from pcdet_avp.sim.plans.paths import path_boxes
 from pcdet_avp.structures.boxes import bev_corners
 from pcdet_avp.structures.roadside_unit import MountedUnit
 
-INCH_PER_M, LEAST_INCH = 0.13, 6.0
+INCH_PER_M, LEAST_INCH, MOST_INCH = 0.13, 6.0, 60.0
 ROAD, SLOT, SOLID, LANE, MOUNT, UNIT = "#e3e6ea", "#ffffff", "#59616b", "#aab2bd", "#1f6fb2", "#c2410c"
 CLEAR_M = 5.0  # between the names of roads and mounts
 FIELD_M = 5.0  # length of a unit's wedge
@@ -26,8 +26,9 @@ FIELD_M = 5.0  # length of a unit's wedge
 def floor_figure(floor: Floor, units: Sequence[MountedUnit] | None = None, title: str = "") -> tuple[Figure, Axes]:
     """The plan of a floor with its mounts and the given roadside units (its own by default); axes in metres."""
     x0, y0, x1, y1 = floor.outline()
-    width = max((x1 - x0 + 4) * INCH_PER_M, LEAST_INCH)
-    figure = Figure(figsize=(width, (y1 - y0 + 4) * width / (x1 - x0 + 4) + 0.7), layout="constrained")
+    wide, high = x1 - x0 + 4, y1 - y0 + 4
+    scale = min(max(INCH_PER_M, LEAST_INCH / wide), MOST_INCH / max(wide, high))
+    figure = Figure(figsize=(scale * wide, scale * high + 0.7), layout="constrained")
     axes = figure.add_subplot()
     _ground(axes, floor)
     units = floor.units if units is None else units

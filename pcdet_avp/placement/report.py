@@ -218,7 +218,7 @@ def _table_section(content, member) -> Section:
     lines = [head, "|---|---|---|---|---|---|---|---|---|"]
     for unit in member["units"]:
         place = " | ".join(f"{unit[key]:.2f}" for key in ("x_m", "y_m", "height_m"))
-        angles = f"{unit['yaw_deg']:.0f} | {unit['pitch_down_deg']:.0f}"
+        angles = " | ".join(f"{round(unit[key], 1):g}" for key in ("yaw_deg", "pitch_down_deg"))
         what = f"{unit['on']} ({unit['mount']}) | {KIND[unit['sensors']]} | {unit['price']:,.0f}"
         lines.append(f"| {unit['id']} | {place} | {angles} | {what} |")
     rate = 8 * member["bytes_per_s"] / 1e6

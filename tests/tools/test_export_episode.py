@@ -9,7 +9,7 @@ from importlib.util import find_spec
 import pytest
 
 from pcdet_avp.closed_loop.export import formats
-from pcdet_avp.errors import AvpError, ConfigError
+from pcdet_avp.errors import AvpError, ConfigError, RecordError
 
 EPISODE = ("--scenario", "t_junction", "--perception", "blind", "--speed", 8, "--trial", 1)
 
@@ -19,7 +19,7 @@ def call(load_tool, tmp_path, monkeypatch):
     """``call(tool, *arguments)``: its main, with a folder for the results."""
 
     def run(tool, *arguments):
-        monkeypatch.setattr(sys, "argv", [tool, *map(str, arguments), "--out", str(tmp_path)])
+        monkeypatch.setattr(sys, "argv", [tool, "--out", str(tmp_path), *map(str, arguments)])
         load_tool(tool).main()
         return tmp_path
 
@@ -61,6 +61,19 @@ def test_wrong_input_is_refused_before_anything_is_driven(wrong, named, call, tm
     with pytest.raises(AvpError, match=re.escape(named)):
         call("export_episode", *EPISODE, *wrong)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_another_drive_does_not_take_the_place_of_the_first(call, tmp_path):
+    """A seed has a name of its own; what no name tells is refused. The same drive may be written again."""
+    page = call("export_episode", *EPISODE) / "t_junction_blind_any_8_1.html"
+    first = page.read_bytes()
+    call("export_episode", *EPISODE, "--seed", 3)
+    assert (tmp_path / "t_junction_blind_any_8_1_seed3.html").read_bytes() != first
+    with pytest.raises(RecordError, match=r"holds t_junction_blind_any_8_1 with another closed_loop; choose another"):
+        call("export_episode", *EPISODE, "--set", "CLOSED_LOOP.LAG_TICKS", 2)
+    assert page.read_bytes() == first
+    call("export_episode", *EPISODE)
 
 
 def test_a_format_without_its_package_names_the_command_that_installs_it(call, monkeypatch, tmp_path):

@@ -2,11 +2,13 @@
 
 import sys
 
+import numpy as np
 import pytest
-from plan_files import STRAIGHT, written
+from plan_files import STRAIGHT, parsed, written
 
 from pcdet_avp.commands import garage as garage_command
 from pcdet_avp.errors import ConfigError, RecordError
+from pcdet_avp.placement.drawing import floor_figure
 
 MORE = """\
     rows:
@@ -31,9 +33,25 @@ def test_a_plan_is_drawn(tmp_path, load_tool, monkeypatch, capsys):
     assert (tmp_path / "out" / "A.svg").read_text().startswith("<?xml")
 
 
+def test_no_picture_takes_the_place_of_another_or_leaves_the_folder(tmp_path, load_tool, monkeypatch):
+    """Yaws nearer than a degree, a unit called like a mount's picture, floors that differ in case or lead upward."""
+    monkeypatch.setattr(garage_command, "picture", lambda world, unit: np.zeros((4, 4, 3), np.uint8))
+    unit = "    units:\n      - {id: mount_end_180, mount: end, yaw_deg: 180, pitch_down_deg: 5, sensors: C}\n"
+    more = MORE.replace("yaw_deg: [180]", "yaw_deg: [180, 180.4]") + unit
+    second, third = (
+        STRAIGHT.partition("floors:\n")[2].replace("name: A", f"name: {name}") for name in ("a", "../../up")
+    )
+    plan = written(tmp_path, STRAIGHT, more + second + third)
+    garage(load_tool, monkeypatch, "--plan", plan, "--out", tmp_path / "deep" / "out")
+    files = {str(file.relative_to(tmp_path)) for file in tmp_path.rglob("*") if file.is_file()}
+    names = ("A", "A_mount_end_180", "A_mount_end_180_2", "A_mount_end_180.4", "a_2", ".._.._up")
+    drawings = {f"{name}.png" for name in names} | {f"{name}.svg" for name in ("A", "a_2", ".._.._up")}
+    assert files == {"plan.yaml", *(f"deep/out/{name}" for name in drawings | {"plan.txt"})}
+
+
 def test_another_plan_does_not_draw_over_the_drawings_of_one(tmp_path, load_tool, monkeypatch):
     """Both files are called plan.yaml, and their floors A; a plan itself may be changed and drawn again."""
-    monkeypatch.setattr(garage_command, "draw", lambda plan, floor, out, occupancy: drawn.append(plan.file))
+    monkeypatch.setattr(garage_command, "draw", lambda plan, floor, out, occupancy, taken: drawn.append(plan.file))
     drawn, folders = [], (tmp_path / "one", tmp_path / "two")
     for folder in folders:
         folder.mkdir()
@@ -44,6 +62,15 @@ def test_another_plan_does_not_draw_over_the_drawings_of_one(tmp_path, load_tool
     with pytest.raises(RecordError, match=r"out: holds the drawings of .*one.*; choose another --out"):
         garage(load_tool, monkeypatch, "--plan", two, "--out", tmp_path / "out")
     assert drawn == [str(one)] * 2
+
+
+def test_a_drawing_has_a_size_that_programs_open(tmp_path):
+    """A straight of 900 m at the scale of a small garage would be 15,000 pixels wide."""
+    floor = parsed(tmp_path, STRAIGHT.replace("line_m: 40", "line_m: 900"))
+    figure, _ = floor_figure(floor)
+    assert max(figure.get_size_inches()) <= 60.0
+    figure, _ = floor_figure(parsed(tmp_path))
+    assert figure.get_size_inches() == pytest.approx([6.0, 6.0 * 10 / 44 + 0.7])
 
 
 def test_all_mistakes_are_told(tmp_path, load_tool, monkeypatch, capsys):

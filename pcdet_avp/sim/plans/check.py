@@ -102,6 +102,7 @@ def _junctions(floor: Floor) -> Iterator[Problem]:
 
 
 def _mounts(floor: Floor) -> Iterator[Problem]:
+    x0, y0, x1, y1 = floor.outline()
     for k, mount in enumerate(floor.mounts):
         line, name = _line(floor, "mounts", k), f"mount {mount.id!r}"
         if mount.z > floor.ceiling_m:
@@ -113,6 +114,8 @@ def _mounts(floor: Floor) -> Iterator[Problem]:
             yield line, f"{name} hangs in the air: no {mount.on} as high as {mount.z:g} m within {HANGS_M:g} m"
         elif mount.on == "pole" and _on(floor.surfaces, mount):
             yield line, f"{name}: its pole stands on a road"
+        elif not (x0 - HANGS_M <= mount.x <= x1 + HANGS_M and y0 - HANGS_M <= mount.y <= y1 + HANGS_M):
+            yield line, f"{name} at ({mount.x:.1f}, {mount.y:.1f}) lies outside the floor"
 
 
 def _touches(floor: Floor, mount) -> bool:

@@ -80,6 +80,8 @@ def _explained(error) -> tuple[tuple, str]:
     if error.validator == "required":
         return where, f"missing key {next(key for key in rule if key not in value)!r}"
     if error.validator == "oneOf":
+        if not isinstance(value, dict):
+            return where, f"expected line_m, or arc_deg and radius_m, found {value!r}"
         return where, f"expected line_m, or arc_deg and radius_m, found {', '.join(value) or 'nothing'}"
     expected = {
         "type": lambda: f"{rule}",

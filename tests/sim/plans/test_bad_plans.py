@@ -50,6 +50,21 @@ BAD = {
         9,
         "no wall as high as 2 m",
     ),
+    "mount outside": (
+        "    mounts:\n      - {id: m, at: [5, 60], height_m: 2.8, on: ceiling}\n",
+        9,
+        "mount 'm' at (5.0, 60.0) lies outside the floor",
+    ),
+    "wall in millimetres": (
+        "    walls:\n      - {kind: wall, line: [[0, 4000], [40000, 4000]]}\n",
+        9,
+        "walls[0].line[0][1]: expected 1000 or less, found 4000",
+    ),
+    "more than a turn": (
+        "    slots:\n      - {at: [5, -5.5], hdg_deg: 1000000000000000000000000}\n",
+        9,
+        "hdg_deg: expected 360 or less",
+    ),
     "unit without a mount": (
         "    units:\n      - {id: u, mount: m, yaw_deg: 0, pitch_down_deg: 9, sensors: C}\n",
         9,
@@ -113,6 +128,13 @@ def test_lengths_that_no_garage_has_are_refused_at_once(tmp_path, wrong, message
         read_plan(written(tmp_path, wrong))
     with pytest.raises(ConfigError, match="count: expected 1000 or less"):
         read_plan(written(tmp_path, more=ROW.replace("count: 3", "count: 1000000000")))
+
+
+def test_a_piece_of_road_that_is_no_piece(tmp_path):
+    for piece in ("40", "[40]", "null", "line_m"):
+        text = STRAIGHT.replace("{line_m: 40}", f"{{line_m: 40}}, {piece}")
+        with pytest.raises(ConfigError, match=r"line 7: .*geometry\[1\]: expected object, found"):
+            read_plan(written(tmp_path, text))
 
 
 def test_a_file_that_is_not_there():
