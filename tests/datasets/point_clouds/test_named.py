@@ -61,6 +61,7 @@ def test_binary_with_fields_in_any_order_and_counts(tmp_path):
 
 
 def test_binary_compressed(tmp_path):
+    """Field after field; files that hold point after point are about (findings/pcdkit_compressed.sh)."""
     points = np.tile(np.array(POINTS, np.float32), (50, 1))
     raw = points.T.tobytes()
     packed = lzf.compress(raw)
@@ -76,6 +77,7 @@ def test_the_optional_line_of_counts(tmp_path):
 
 
 def test_organised_clouds_lose_their_empty_rows(tmp_path):
+    """And what is left keeps its own values: elsewhere the next ray's (findings/kiss_icp_times.sh)."""
     rows = [POINTS[0], (NAN, NAN, NAN, 0.0), POINTS[1]]
     (tmp_path / "a.pcd").write_bytes(header(XYZI, "binary", 3) + b"".join(struct.pack("<4f", *row) for row in rows))
     cloud = read_cloud(tmp_path / "a.pcd")
