@@ -15,6 +15,7 @@ from pathlib import Path
 from pcdet_avp.argument_types import non_negative_int, path, positive_float, positive_int
 from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
 from pcdet_avp.config import require
+from pcdet_avp.datasets import has_split
 from pcdet_avp.datasets.avp.manifest import MANIFEST_FILE, read_manifest
 from pcdet_avp.datasets.avp.splits import split_name
 from pcdet_avp.engine import distributed
@@ -148,7 +149,13 @@ def _evaluate(cfg, name, last, folder, args, ranks, logger, started) -> None:
         _report(run_depth_test(cfg, name, last, ranks, logger, **loading), folder.evaluation / last.stem, ranks)
         return
     store_driving_thresholds(cfg, last, ranks, logger, batch_size, args.workers)
-    result = run_test(cfg, name, last, list(SENSOR_SETS), ranks, logger, **loading)
+    split = next((split for split in ("test", "val") if has_split(cfg.DATA_CONFIG, split)), None)
+    if split is None:
+        logger.warning("the data set has neither test nor validation frames: nothing was tested")
+        return
+    if split == "val":
+        logger.warning("the data set has no test split: tested on its validation split")
+    result = run_test(cfg, name, last, list(SENSOR_SETS), ranks, logger, split=split, **loading)
     _report(result, folder.evaluation / last.stem, ranks)
     logger.info(f"checkpoint {last}")
 

@@ -143,17 +143,31 @@ def test_a_wrong_input_is_one_line_and_exit_status_2(tmp_path, monkeypatch, caps
     assert line.startswith(f"error: {tmp_path / 'none.yaml'}: there is no file of this name")
 
 
-def test_without_a_validation_split_no_scores_are_chosen_and_it_says_so(call, tiny_data, tmp_path):
-    data = tmp_path / "data"
-    shutil.copytree(tiny_data, data)
-    manifest = json.loads((data / "dataset.json").read_text())
+def copied_without(split, instead, tiny_data, folder):
+    """A copy of a data set whose scenes of one split belong to another."""
+    shutil.copytree(tiny_data, folder)
+    manifest = json.loads((folder / "dataset.json").read_text())
     for scene in manifest["scenes"]:
-        scene["split"] = "train" if scene["split"] == "val" else scene["split"]
-    (data / "dataset.json").write_text(json.dumps(manifest))
+        scene["split"] = instead if scene["split"] == split else scene["split"]
+    (folder / "dataset.json").write_text(json.dumps(manifest))
+    return folder
+
+
+def test_without_a_validation_split_no_scores_are_chosen_and_it_says_so(call, tiny_data, tmp_path):
+    data = copied_without("val", "train", tiny_data, tmp_path / "data")
     call(tmp_path, "train", "--epochs", 1, "--picture_interval", 1, data=data)
     run = tmp_path / "output" / "avp" / "cp_tiny" / "default"
     assert "no validation split: no score thresholds" in _log(run)
     assert "score_thresholds" not in read_checkpoint(run / "ckpt" / "checkpoint_epoch_1.pth")
+
+
+def test_without_a_test_split_the_validation_split_is_tested_and_it_says_so(call, tiny_data, tmp_path):
+    data = copied_without("test", "train", tiny_data, tmp_path / "data")
+    call(tmp_path, "train", "--epochs", 1, "--picture_interval", 1, data=data)
+    run = tmp_path / "output" / "avp" / "cp_tiny" / "default"
+    assert "no test split: tested on its validation split" in _log(run)
+    (result,) = (run / "eval" / "checkpoint_epoch_1").glob("*/result.json")
+    assert json.loads(result.read_text())["meta"]["split"] == "val"
 
 
 @pytest.fixture(scope="module")
