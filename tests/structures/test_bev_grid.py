@@ -28,6 +28,14 @@ def test_row_0_column_0_is_at_the_least_x_and_y():
     assert (rows.tolist(), cols.tolist()) == ([0, 375, 188], [0, 279, 3])
 
 
+def test_a_grid_may_begin_beyond_the_origin_and_be_oblong():
+    """Elsewhere the beginning's magnitude is added and x is drawn across y's cells (findings/av2_bev_grid.sh)."""
+    grid = BevGrid(4.0, -10.0, -1.0, 44.0, 10.0, 3.0, cell_m=0.5)
+    rows, cols = grid.cell_of(np.array([[4.0, -10.0], [20.0, 0.0], [43.9, 9.9]]))
+    assert (grid.height, grid.width) == (40, 80)
+    assert (rows.tolist(), cols.tolist()) == ([0, 20, 39], [0, 32, 79])
+
+
 def test_cell_centres_fall_into_their_own_cells():
     x, y = PAPER.cell_centres()
     rows, cols = PAPER.cell_of(np.stack(np.meshgrid(x, y), -1).astype(np.float32))

@@ -56,6 +56,16 @@ def test_a_pixels_ray_projects_back_to_its_centre_at_any_depth(column, row, dept
     assert found == pytest.approx(depth)
 
 
+def test_a_picture_whose_upper_rows_were_cut_off_keeps_its_rays():
+    """They start at the principal point, wherever it lies; elsewhere at the middle (findings/av2_pixel_rays.sh)."""
+    whole = PinholeCamera.looking_ahead(1920, 1080, 2 * np.arctan(0.96), x_m=0.0, z_m=6.0)  # f = 1000 px, level
+    cut = PinholeCamera(1920, 600, whole.fx, whole.fy, whole.cx, 60.0, whole.agent_from_camera)
+    np.testing.assert_allclose(cut.pixel_rays(), whole.pixel_rays()[480:], atol=1e-6)
+    feet = np.array([[20.0, 0.0, 0.0]])
+    assert cut.project(feet)[0][0] == pytest.approx([960, 360])
+    assert cut.pixel_rays()[359:361, 960, 1].mean() == pytest.approx(6 / 20)
+
+
 def test_a_resized_image_keeps_every_point_at_the_same_share_of_the_image():
     points = np.column_stack([np.full(20, 12.0), np.linspace(-11, 11, 20), np.linspace(0, 3, 20)])
     half = VEHICLE.scaled(480, 270)

@@ -46,6 +46,14 @@ def test_ttc_is_when_two_moved_polygons_first_touch(seed):
     assert found == pytest.approx(expected, abs=STEP_S * 5) or min(found, expected) > 7.9
 
 
+@pytest.mark.parametrize(("speed", "distance", "expected_s"), [(0.0, 30.0, 2.52), (6.5, 30.0, 7.2), (8.0, 12.0, 3.6)])
+def test_ttc_is_known_from_afar_and_from_bumper_to_bumper(speed, distance, expected_s):
+    """Also of who stands, unlike elsewhere (findings/omega_prime_ttc.sh). By hand: (distance - 4.8) / closing speed."""
+    ego, other = (np.array([[x, 0.0, 0.75, LENGTH, WIDTH, 1.5, 0.0]]) for x in (0.0, distance))
+    found = time_to_collision(ego, other, np.array([[speed - 10.0, 0.0]]))
+    assert found == pytest.approx([expected_s])
+
+
 def slow_pet(ego, other, end_s):
     """From occupancy alone: at every moment, is either in the conflict area, an intersection of polygons?"""
     times = np.arange(0.0, end_s, STEP_S)
