@@ -72,11 +72,16 @@ def _is_network(perception: str) -> bool:
 
 def _weights(results: Results) -> str | None:
     """The hash of the weights; of each perception's, where several were used."""
+    return _of_networks(results, "weights_hash") or results.meta.get("weights_hash")
+
+
+def _of_networks(results: Results, fact: str) -> str | None:
+    """What the networks' figures were made from; of each perception, where they differ."""
     names = dict.fromkeys(perception for _, perception in results.groups() if _is_network(perception))
-    found = {name: results.made_from(name).get("weights_hash") for name in names}
+    found = {name: results.made_from(name).get(fact) for name in names}
     if len(set(found.values())) > 1:
-        return ", ".join(f"{name} {weights}" for name, weights in found.items())
-    return next(iter(found.values()), results.meta.get("weights_hash"))
+        return ", ".join(f"{name} {value}" for name, value in found.items())
+    return next(iter(found.values()), None)
 
 
 def _meaning(perception: str) -> str:
@@ -98,6 +103,7 @@ def _provenance(results: Results) -> list[str]:
         "seed": meta.get("seed"),
         "commit": _commits(meta),
         "weights": _weights(results),
+        "precision": _of_networks(results, "precision"),
         "known garages": _known_garages(results),
         "versions": ", ".join(f"{k} {v}" for k, v in (meta.get("versions") or {}).items()),
         "machine": ", ".join(f"{k} {v}" for k, v in (meta.get("machine") or {}).items()),

@@ -76,10 +76,12 @@ def test_a_table_has_ours_above_the_papers_with_intervals_and_marks(sweep):
 def test_every_network_is_named_by_its_own_configuration_whatever_was_run_last(tmp_path):
     """The last command drove the oracle, whose configuration is the tool's default; its figures are another's."""
     cells = {("t_junction", who, combo, 3.0): (0, 20) for who, combo in (("model", "C+CL"), ("oracle", "any"))}
-    made_from = {"model": {"config": "cp_small", "weights_hash": "11aa"}, "oracle": {"config": "cp_full"}}
+    made_from = {"model": {"config": "cp_small", "weights_hash": "11aa", "precision": "bf16"}}
+    made_from["oracle"] = {"config": "cp_full"}
     text = write_report(write_sweep(tmp_path, cells, config="cp_full", perceptions=made_from)).read_text()
     assert "## T-junction, perception model (cp_small)" in text
     assert "- weights: 11aa" in text
+    assert "- precision: bf16" in text
     assert "cp_full" not in text
 
 
