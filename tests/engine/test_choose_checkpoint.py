@@ -70,5 +70,5 @@ def test_what_is_nowhere_names_both_places(choose, tmp_path):
     places = f"{tmp_path / 'weights' / 'cp_smal.pth'} or {REPOSITORY / 'weights' / 'cp_smal.pth'}"
     assert str(caught.value) == (
         f"weights/cp_smal.pth: cannot read this checkpoint: there is no file {places}; "
-        f"near ones: {WEIGHTS}, weights/cp_small_first.pth, weights/cp_small_any_mast.pth"
+        f"near ones: {WEIGHTS}, weights/cp_small_late.pth, weights/cp_small_first.pth"
     )
