@@ -24,7 +24,7 @@ SET_NAMES = ("C", "L", "CL")
 RULES: dict[str, dict[str, Rule]] = {
     "CAMERA": {"WIDTH": COUNT, "HEIGHT": COUNT, "HFOV_DEG": FIELD_OF_VIEW, "PIXELS": COUNT},
     "LIDAR": {
-        "BEAMS": COUNT,
+        "BEAMS": Rule(lambda value: COUNT.allows(value) and value > 1, "a whole number, 2 or more"),
         "COLUMNS": COUNT,
         "ELEVATION_MIN_DEG": ELEVATION,
         "ELEVATION_MAX_DEG": ELEVATION,

@@ -44,6 +44,7 @@ def test_what_hangs_there_already_costs_nothing():
         ("SENSORS.LIDAR", {"BEAMS": 64}, "LIDAR: missing key 'COLUMNS'"),
         ("SENSORS.CAMERA.PIXELS", 0, "PIXELS: expected a whole number, 1 or more, found 0"),  # all would be seen
         ("SENSORS.LIDAR.RETURNS", 0, "RETURNS"),
+        ("SENSORS.LIDAR.BEAMS", 1, "BEAMS: expected a whole number, 2 or more, found 1"),  # no angle between beams
         ("SENSORS.LIDAR.ELEVATION_MIN_DEG", 40, "ELEVATION_MIN_DEG below ELEVATION_MAX_DEG"),
         ("SENSORS.CAMERA.HFOV_DEG", 190, "HFOV_DEG: expected degrees between 0 and 180"),
         ("SENSORS.RATE_HZ", -3, "SENSORS.RATE_HZ: expected a number above 0"),

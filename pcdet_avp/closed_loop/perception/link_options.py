@@ -84,7 +84,7 @@ class LinkOptions:
 
     def nr_v2x(self) -> NrV2xConfig:
         """The channel's own part."""
-        if not self.burst_slots:
+        if self.burst_slots is None:
             loss = LossModel.independent(self.block_loss)
         else:
             loss = LossModel.bursty(self.block_loss, self.burst_slots)

@@ -113,9 +113,11 @@ def open_journal(folder: Path, claim: Mapping[str, Any]) -> Iterator[Journal]:
 
 def _claim(file: Path, claim: dict[str, Any]) -> None:
     try:
-        held = json.loads(file.read_text()) if file.exists() else {}
-    except ValueError as error:
-        raise RecordError(f"{file}: not JSON ({error})") from error
+        held = dict(json.loads(file.read_text())) if file.exists() else {}
+    except (ValueError, TypeError) as error:
+        raise RecordError(
+            f"{file}: does not say what the folder holds ({error}); choose another --out or remove the folder"
+        ) from error
     for name in claim:
         if name not in held:
             _refuse_namesake(file, name, held)

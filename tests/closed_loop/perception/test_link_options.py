@@ -43,7 +43,9 @@ def test_what_cannot_be_is_refused(link, given, message):
         LinkOptions.of(link, given)
 
 
-@pytest.mark.parametrize("given", [{"mcs": 9}, {"block_loss": 1.5}, {"repetitions": 0}, {"deadline_ms": 0.0}])
+@pytest.mark.parametrize(
+    "given", [{"mcs": 9}, {"block_loss": 1.5}, {"repetitions": 0}, {"deadline_ms": 0.0}, {"burst_slots": 0.0}]
+)
 def test_so_is_what_the_channel_refuses(given):
     with pytest.raises(AvpError):
         LinkOptions.of("nr_v2x", given)

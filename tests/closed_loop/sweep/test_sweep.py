@@ -330,3 +330,13 @@ def _dask(kind, *arguments):
     command = [sys.executable, "-m", f"distributed.cli.dask_{kind}", *arguments]
     environment = {**os.environ, "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "3"}
     return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment)
+
+
+@pytest.mark.parametrize("content", ["", "[1]", "3"])
+def test_a_claim_that_is_none_is_told_in_one_line(tmp_path, content):
+    (tmp_path / CLAIM).write_text(content)
+    with (
+        pytest.raises(RecordError, match=r"sweep\.json: does not say what the folder holds"),
+        open_journal(tmp_path, {}),
+    ):
+        pass
