@@ -73,6 +73,16 @@ def test_opv2v_by_hand(opv2v):
     assert record.units == {}
 
 
+def test_labels_do_not_depend_on_how_a_lidar_is_tilted(opv2v):
+    """Elsewhere they shrink with it (findings/opencoodx_tilted_lidar.sh). A point on its x axis goes with it."""
+    file = opv2v / "2026_01_01_00_00_00" / "3" / "000068.yaml"
+    file.write_text(OPV2V.replace("20.0, 2.5, 0.0, 90.0, 0.0]", "20.0, 2.5, 0.0, 90.0, -40.0]"))
+    record = only_record("opv2v", opv2v)
+    np.testing.assert_allclose(record.labels.boxes, OPV2V_BOXES, atol=1e-9)
+    down = np.radians(40)
+    np.testing.assert_allclose(record.ego.points[1, :3], [4 * np.cos(down), 0, 2 - 4 * np.sin(down)], atol=1e-6)
+
+
 def test_numbers_without_a_point_are_numbers(opv2v):
     """YAML 1.1 takes 25e-1 for a text."""
     file = opv2v / "2026_01_01_00_00_00" / "3" / "000068.yaml"
