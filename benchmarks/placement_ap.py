@@ -14,7 +14,6 @@ placement_ap.json with provenance and both classes; the same command goes on whe
 from __future__ import annotations
 
 import argparse
-import hashlib
 import json
 import logging
 from pathlib import Path
@@ -24,7 +23,8 @@ import numpy as np
 
 from pcdet_avp.argument_types import path, positive_int
 from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
-from pcdet_avp.config import apply_overrides, load_config
+from pcdet_avp.closed_loop.sweep.arguments import file_hash
+from pcdet_avp.config import apply_overrides, config_hash, load_config
 from pcdet_avp.engine import distributed
 from pcdet_avp.engine.testing.run import run_test
 from pcdet_avp.errors import ConfigError
@@ -47,39 +47,44 @@ def parse_arguments() -> argparse.Namespace:
 
 def main() -> None:
     args, logger = parse_arguments(), logging.getLogger("placement_ap")
-    load_arguments_config(args)  # raises where it is wrong, before anything is made
-    details, settings = args.out / "placement_ap.json", settings_of(args)
-    rows = known_rows(details, settings)
-    for plan in chosen_plans(args.plans, args.count):
+    chosen, details, settings = chosen_plans(args.plans, args.count), args.out / "placement_ap.json", settings_of(args)
+    plans = {plan.stem: file_hash(plan) for plan in chosen}
+    rows, plans = known_rows(details, settings, plans)
+    for plan in chosen:
         if plan.stem not in rows:
             meta, rows[plan.stem] = measure(args, plan, logger)
-            write_json(details, {"meta": meta, "settings": settings, "rows": rows})
+            write_json(details, {"meta": meta, "settings": settings, "plans": plans, "rows": rows})
             write_json(args.out / "measured.json", {name: row["mean"] for name, row in rows.items()})
         print(f"{plan.stem}: " + ", ".join(f"{key} {value:.1f}" for key, value in rows[plan.stem].items()))
     print(f"wrote {args.out / 'measured.json'}")
 
 
 def settings_of(args: argparse.Namespace) -> dict[str, Any]:
-    """What the figures depend on; plain values."""
-    weights = hashlib.sha256(args.ckpt.read_bytes()).hexdigest()
+    """What the figures depend on beside the plans; plain values. Raises where the configuration is wrong."""
     return {
         "cfg": args.cfg,
         "set": list(args.overrides),
-        "weights": weights,
+        "config_hash": config_hash(load_arguments_config(args)),
+        "weights": file_hash(args.ckpt),
         "combo": args.combo,
         "scenes": args.scenes,
     }
 
 
-def known_rows(details: Path, settings: dict[str, Any]) -> dict[str, dict[str, float]]:
-    """The placements that an earlier run of the same settings measured; ConfigError where they were others."""
+def known_rows(
+    details: Path, settings: dict[str, Any], plans: dict[str, str]
+) -> tuple[dict[str, dict[str, float]], dict[str, str]]:
+    """The placements that an earlier run of the same settings measured, and the hashes of all plans by their name, its
+    own among them; ConfigError where settings or a plan of the same name were others."""
     if not details.exists():
-        return {}
+        return {}, plans
     content = json.loads(details.read_text())
-    if content["settings"] != settings:
-        changed = ", ".join(key for key, value in settings.items() if content["settings"].get(key) != value)
-        raise ConfigError(f"{details}: was measured with other settings ({changed}); give another --out")
-    return content["rows"]
+    changed = [key for key, value in settings.items() if content["settings"].get(key) != value]
+    held = content.get("plans", {})
+    changed += [f"plan {name}" for name, value in plans.items() if held.get(name, value) != value]
+    if changed:
+        raise ConfigError(f"{details}: was measured with other settings ({', '.join(changed)}); give another --out")
+    return content["rows"], {**held, **plans}
 
 
 def chosen_plans(folder: Path, count: int) -> list[Path]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import zipfile
 from collections.abc import Sequence
 from dataclasses import asdict
 from functools import partial
@@ -40,9 +41,11 @@ def claim_folder(study: Study, out: Path, floor: str) -> None:
     file = out / CLAIM
     if file.exists():
         try:
-            held = json.loads(file.read_text())
-        except ValueError as error:
-            raise RecordError(f"{file}: not JSON ({error})") from error
+            held = dict(json.loads(file.read_text()))
+        except (ValueError, TypeError) as error:
+            raise RecordError(
+                f"{file}: does not say what the folder holds ({error}); choose another --out or remove the folder"
+            ) from error
         for name, value in content.items():
             if held.get(name) != value:
                 raise RecordError(
@@ -72,7 +75,7 @@ def _numbered_view(study: Study, number: int) -> tuple[int, OccupancyView]:
 def _read(file: Path) -> OccupancyView:
     try:
         return load_view(file)
-    except (OSError, ValueError, KeyError) as error:
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise RecordError(f"{file}: cannot be read ({error}); remove it, and it is made anew") from error
 
 

@@ -49,3 +49,11 @@ def test_a_line_of_another_version_is_refused_by_the_file(tmp_path):
     (tmp_path / EPISODES).write_text(json.dumps(line) + "\n")
     with pytest.raises(RecordError, match=r"episodes\.jsonl: a line is no trial of this version"):
         _Journal(tmp_path / EPISODES)
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 and no more"])
+def test_a_damaged_view_is_told_in_one_line(tmp_path, content):
+    file = tmp_path / "0000.npz"
+    file.write_bytes(content)
+    with pytest.raises(RecordError, match=r"0000\.npz: cannot be read .*; remove it, and it is made anew"):
+        study._read(file)
