@@ -11,6 +11,8 @@ import time
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from pcdet_avp.argument_types import (
     Parser,
     non_negative_float,
@@ -23,14 +25,16 @@ from pcdet_avp.argument_types import (
 from pcdet_avp.cli import run_tool
 from pcdet_avp.config import load_config, plain
 from pcdet_avp.errors import ConfigError
+from pcdet_avp.folder_lock import sole_user
 from pcdet_avp.placement.front import Placement, Sight, front, solve, without
 from pcdet_avp.placement.placed_plan import write_placed_plan
 from pcdet_avp.placement.report import Speeds, recommended, results, unit_entries, write_report
 from pcdet_avp.placement.safe_speed import SPEEDS_MPS, SpeedJob, safe_speed, scenarios_of
 from pcdet_avp.placement.settings import PlacementSettings
 from pcdet_avp.placement.study import all_speeds, all_views, claim_folder
-from pcdet_avp.placement.visibility import Study, site_of
+from pcdet_avp.placement.visibility import Site, Study, site_of
 from pcdet_avp.provenance import provenance
+from pcdet_avp.sim.plans.floor import Plan
 from pcdet_avp.sim.plans.read import read_plan
 from pcdet_avp.structures.roadside_unit import MountedUnit
 
@@ -67,10 +71,22 @@ def main() -> None:
         raise ConfigError(f"--floor: expected one of {', '.join(f.name for f in plan.floors)}, found {floor!r}")
     out = args.out or Path("output", "placement", Path(args.plan).stem)
     study = Study(str(Path(plan.file).absolute()), floor, args.candidates, args.seed, settings)
-    claim_folder(study, out, floor)
     site = site_of(study)
     if not site.spots.passes:
         raise ConfigError(f"{plan.file}: floor {floor!r}: expected slots or junctions beside a lane, found none")
+    if not np.isfinite(site.ego[..., 0]).any():
+        far = f"{min(settings.ahead_m):g} m (the least of AHEAD_M)"
+        raise ConfigError(f"{plan.file}: floor {floor!r}: expected {far} of lane before a slot or junction, found less")
+    if args.members:
+        scenarios_of(study.plan, floor)  # raises before anything is computed where there is nothing to drive
+    with sole_user(out):
+        place(args, plan, study, site, cfg, out, started)
+
+
+def place(args, plan: Plan, study: Study, site: Site, cfg: dict, out: Path, started: float) -> None:
+    """The study itself, on a folder that nobody else works in."""
+    settings, floor = study.settings, study.floor
+    claim_folder(study, out, floor)
     views = all_views(study, out, args.occupancies, args.workers, args.scheduler)
     sight = Sight.of(site, views, settings.sensors, settings.yaws)
     placements, solved = solve(sight, args.units, args.milp_seconds)

@@ -94,7 +94,7 @@ def scenarios_of(plan: str, floor: str | None = None) -> tuple[str, ...]:
         else:
             possible.append(name)
     if not possible:
-        raise ConfigError("; ".join(problems))
+        raise ConfigError("; ".join(dict.fromkeys(problems)))
     return tuple(possible)
 
 

@@ -7,7 +7,9 @@ from itertools import pairwise
 import pytest
 from plan_files import STRAIGHT, written
 
+from pcdet_avp.commands import place_sensors as place_command
 from pcdet_avp.errors import ConfigError, RecordError
+from pcdet_avp.folder_lock import sole_user
 
 MORE = """\
     rows:
@@ -19,8 +21,8 @@ MORE = """\
 SMALL = ("--candidates", 8, "--occupancies", 2, "--units", 2, "--milp_seconds", 5, "--workers", 1)
 
 
-def place(load_tool, monkeypatch, folder, *arguments, more=MORE):
-    file = written(folder, STRAIGHT, more)
+def place(load_tool, monkeypatch, folder, *arguments, more=MORE, text=STRAIGHT):
+    file = written(folder, text, more)
     words = ["place_sensors", "--plan", file, "--out", folder / "out", *SMALL, *arguments]
     monkeypatch.setattr(sys, "argv", [str(word) for word in words])
     load_tool("place_sensors").main()
@@ -57,6 +59,27 @@ def test_a_plan_where_nobody_hides(tmp_path, load_tool, monkeypatch):
         place(load_tool, monkeypatch, tmp_path, more="")
     with pytest.raises(ConfigError, match="--floor: expected one of A, found 'B'"):
         place(load_tool, monkeypatch, tmp_path, "--floor", "B")
+
+
+def test_where_nothing_can_be_seen_or_driven_nothing_is_written(tmp_path, load_tool, monkeypatch):
+    """Nobody is ever 6 m before a slot on a road of 6 m; beside a single slot is no gap to come out of."""
+    monkeypatch.setattr(place_command, "all_views", None)
+    for length, begin, members, told in ((6, 0, 0, "expected 6 m .* of lane before"), (40, 20, 1, "expected gaps")):
+        road = STRAIGHT.replace("line_m: 40", f"line_m: {length}")
+        slot = f"    rows:\n      - {{road: main, side: left, s_m: {begin}, count: 1, width_m: 2.5, length_m: 5}}\n"
+        folder = tmp_path / str(length)
+        folder.mkdir()
+        with pytest.raises(ConfigError, match=told):
+            place(load_tool, monkeypatch, folder, "--members", members, more=slot, text=road)
+        assert not (folder / "out").exists()
+
+
+def test_two_at_once_do_not_mix_in_one_folder(tmp_path, load_tool, monkeypatch):
+    with sole_user(tmp_path / "out"), pytest.raises(RecordError, match="held by process"):
+        place(load_tool, monkeypatch, tmp_path, "--members", 0)
+    (tmp_path / "out" / "study.json").write_text("[1]")
+    with pytest.raises(RecordError, match=r"study\.json: does not say what the folder holds"):
+        place(load_tool, monkeypatch, tmp_path, "--members", 0)
 
 
 @pytest.mark.slow
