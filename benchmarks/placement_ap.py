@@ -101,7 +101,8 @@ def measure(args: argparse.Namespace, plan: Path, logger: logging.Logger) -> tup
     made = ["DATA_CONFIG.DATA_PATH", str(root.absolute()), "DATA_CONFIG.GENERATE.PLAN", str(plan.absolute())]
     made += ["DATA_CONFIG.GENERATE.SCENES", str(args.scenes), "DATA_CONFIG.GENERATE.SPLIT", "{val: 0.0, test: 0.99}"]
     cfg = apply_overrides(load_config(args.cfg), [*args.overrides, *made])
-    cfg.DATA_CONFIG.GENERATE.pop("MAST", None)  # of weights for units of any pose; the plan has its own
+    for key in ("MAST", "LATE_SIGHT"):  # of what weights were trained on; a plan has its own units and bays
+        cfg.DATA_CONFIG.GENERATE.pop(key, None)
     generate(cfg.DATA_CONFIG, root, workers=args.workers)
     ranks = distributed.start(device="cpu")
     name = Path(args.cfg).stem
