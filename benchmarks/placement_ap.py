@@ -27,7 +27,7 @@ from pcdet_avp.closed_loop.sweep.arguments import file_hash
 from pcdet_avp.config import apply_overrides, config_hash, load_config
 from pcdet_avp.engine import distributed
 from pcdet_avp.engine.testing.run import run_test
-from pcdet_avp.errors import ConfigError
+from pcdet_avp.errors import ConfigError, RecordError
 from pcdet_avp.evaluation.average_precision import STRICT_IOU
 from pcdet_avp.files import write_json
 from pcdet_avp.generate import generate
@@ -78,13 +78,16 @@ def known_rows(
     own among them; ConfigError where settings or a plan of the same name were others."""
     if not details.exists():
         return {}, plans
-    content = json.loads(details.read_text())
-    changed = [key for key, value in settings.items() if content["settings"].get(key) != value]
-    held = content.get("plans", {})
+    try:
+        content = json.loads(details.read_text(encoding="utf-8"))
+        rows, held, measured = dict(content["rows"]), dict(content.get("plans", {})), dict(content["settings"])
+    except (ValueError, KeyError, TypeError) as error:
+        raise RecordError(f"{details}: not the figures of an earlier run ({error!r}); give another --out") from error
+    changed = [key for key, value in settings.items() if measured.get(key) != value]
     changed += [f"plan {name}" for name, value in plans.items() if held.get(name, value) != value]
     if changed:
         raise ConfigError(f"{details}: was measured with other settings ({', '.join(changed)}); give another --out")
-    return content["rows"], {**held, **plans}
+    return rows, {**held, **plans}
 
 
 def chosen_plans(folder: Path, count: int) -> list[Path]:

@@ -82,8 +82,7 @@ def parse_arguments() -> argparse.Namespace:
 
 def main() -> None:
     args = parse_arguments()
-    cfg = plain(load_config(args.cfg))
-    settings = PlacementSettings.from_config(cfg)
+    cfg, settings = plain(load_config(args.cfg)), PlacementSettings.read(args.cfg)
     plan = read_plan(args.plan)
     floor, out = plan.floors[0].name, args.out or Path("output", "surrogate", Path(args.plan).stem)
     study = Study(str(Path(plan.file).absolute()), floor, args.candidates, args.seed, settings)

@@ -76,6 +76,6 @@ BETWEEN = Rule(lambda value: _is_number(value) and 0 < value < 1, "a number betw
 FROM_1 = Rule(lambda value: _is_number(value) and value >= 1, "1 or a number above it")
 COUNT = Rule(lambda value: _is_whole(value) and value >= 1, "a whole number, 1 or more")
 COUNT_FROM_0 = Rule(lambda value: _is_whole(value) and value >= 0, "a whole number, 0 or more")
-FIELD_OF_VIEW = Rule(lambda value: _is_number(value) and 0 < value < 180, "degrees between 0 and 180")
+FIELD_OF_VIEW = Rule(lambda value: _is_number(value) and 5 <= value < 180, "degrees from 5 to below 180")
 TURN = Rule(lambda value: _is_number(value) and 0 < value <= 360, "degrees above 0, up to 360")
 ELEVATION = Rule(lambda value: _is_number(value) and -90 <= value <= 90, "degrees from -90 to 90")

@@ -63,8 +63,7 @@ def parse_arguments() -> argparse.Namespace:
 def main() -> None:
     args, started = parse_arguments(), time.time()
     args.speeds = sorted(args.speeds)
-    cfg = plain(load_config(args.cfg))
-    settings = PlacementSettings.from_config(cfg)
+    cfg, settings = plain(load_config(args.cfg)), PlacementSettings.read(args.cfg)
     plan = read_plan(args.plan)
     floor = args.floor or plan.floors[0].name
     if floor not in {each.name for each in plan.floors}:
@@ -96,7 +95,8 @@ def place(args, plan: Plan, study: Study, site: Site, cfg: dict, out: Path, star
     content = results(meta, sight, kept, solved, speeds)
     for each in content["solved"]:
         shares = ", ".join(f"{key} {100 * each[key]:.1f} %" for key in ("greedy", "best", "bound", "gap"))
-        print(f"{each['units']} units with {each['sensors']}: {shares} (by {each['method']})")
+        noun = "unit" if each["units"] == 1 else "units"
+        print(f"{each['units']} {noun} with {each['sensors']}: {shares} (by {each['method']})")
     units = unit_entries(sight, recommended(kept, speeds).options)
     print(f"wrote {write_placed_plan(out / PLACED, plan.file, floor, units)}")
     print(f"wrote {write_report(out, content, sight, placements, kept, speeds)}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from pcdet_avp.config import load_config, plain
 from pcdet_avp.config_fields import fields_from
 from pcdet_avp.config_rules import COUNT, FROM_0, POSITIVE, SHARE, one_of
 from pcdet_avp.errors import ConfigError
@@ -49,3 +50,12 @@ class PlacementSettings:
                 raise ConfigError(f"placement: SENSORS: expected a section of keys, found {values['sensors']!r}")
             values["sensors"] = SensorModels.from_config(values["sensors"])
         return cls(**{key: tuple(v) if isinstance(v, list) else v for key, v in values.items()})
+
+    @classmethod
+    def read(cls, file: str) -> PlacementSettings:
+        """Those of a file, which a ConfigError names."""
+        cfg = plain(load_config(file))
+        try:
+            return cls.from_config(cfg)
+        except ConfigError as error:
+            raise ConfigError(f"{file}: {error}") from error

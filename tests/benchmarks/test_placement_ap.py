@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from pcdet_avp.errors import CheckpointError, ConfigError
+from pcdet_avp.errors import CheckpointError, ConfigError, RecordError
 
 
 @pytest.fixture
@@ -41,6 +41,15 @@ def test_an_earlier_run_of_other_weights_is_refused(tmp_path, load_benchmark):
     assert known_rows(file, own, both) == ({"one": {"mean": 3.0}}, both)
     with pytest.raises(ConfigError, match=r"was measured with other settings \(weights\); give another --out"):
         known_rows(file, {"weights": "b", "combo": "C+CL"}, plans)
+
+
+@pytest.mark.parametrize("content", ["{", "[]", '{"rows": {}}'])
+def test_a_damaged_file_of_an_earlier_run_is_one_line(content, tmp_path, load_benchmark):
+    file = tmp_path / "placement_ap.json"
+    file.write_text(content)
+    with pytest.raises(RecordError, match=r"placement_ap\.json: not the figures of an earlier run"):
+        load_benchmark("placement_ap").known_rows(file, {}, {})
+    assert file.read_text() == content
 
 
 def test_a_plan_of_the_same_name_does_not_take_the_figures_of_another(tmp_path, load_benchmark):

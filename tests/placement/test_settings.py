@@ -46,7 +46,8 @@ def test_what_hangs_there_already_costs_nothing():
         ("SENSORS.LIDAR.RETURNS", 0, "RETURNS"),
         ("SENSORS.LIDAR.BEAMS", 1, "BEAMS: expected a whole number, 2 or more, found 1"),  # no angle between beams
         ("SENSORS.LIDAR.ELEVATION_MIN_DEG", 40, "ELEVATION_MIN_DEG below ELEVATION_MAX_DEG"),
-        ("SENSORS.CAMERA.HFOV_DEG", 190, "HFOV_DEG: expected degrees between 0 and 180"),
+        ("SENSORS.CAMERA.HFOV_DEG", 190, "HFOV_DEG: expected degrees from 5 to below 180"),
+        ("SENSORS.CAMERA.HFOV_DEG", 1.57, "HFOV_DEG: expected degrees"),  # radians
         ("SENSORS.RATE_HZ", -3, "SENSORS.RATE_HZ: expected a number above 0"),
         ("SENSORS.MAP_BYTE", 72000, "SENSORS: unknown key 'MAP_BYTE'"),
         ("SENSORS", 3, "SENSORS: expected a section"),
@@ -61,3 +62,10 @@ def test_what_hangs_there_already_costs_nothing():
 def test_what_cannot_be_meant_is_refused_by_name(key, value, message):
     with pytest.raises(ConfigError, match=message):
         changed(key, value)
+
+
+def test_the_file_of_a_mistake_is_named(tmp_path):
+    file = tmp_path / "mine.yaml"
+    file.write_text("VEHICLE: L\n")
+    with pytest.raises(ConfigError, match=r"mine\.yaml: placement: VEHICLE: expected C or CL, found 'L'"):
+        PlacementSettings.read(str(file))

@@ -123,7 +123,10 @@ def _claim(file: Path, claim: dict[str, Any]) -> None:
             _refuse_namesake(file, name, held)
     for name, value in claim.items():
         if held.get(name, value) not in (value, {}):  # {}: of a version that did not say what the oracle was built from
-            raise RecordError(f"{file}: holds a sweep with another {name}; choose another --out or remove the folder")
+            which = f" ({held[name]}, here {value})" if isinstance(value, int) else ""
+            raise RecordError(
+                f"{file}: holds a sweep with another {name}{which}; choose another --out or remove the folder"
+            )
     write_json(file, {**held, **claim})
 
 

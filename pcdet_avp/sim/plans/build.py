@@ -178,6 +178,13 @@ class _Builder:
     def _lamp_row(self, item: dict, where: Where) -> list[Lamp]:
         road = self._named_road(item["road"], (*where, "road"))
         along = np.arange(item["spacing_m"] / 2, road.path.length, item["spacing_m"])
+        if not len(along):
+            longest = 2 * road.path.length
+            raise self._error(
+                (*where, "spacing_m"),
+                f"expected less than {longest:g} (the first lamp hangs half a spacing along the road), found "
+                f"{item['spacing_m']:g}: no lamp",
+            )
         offset = item.get("offset_m", 0.0)
         places = [(x - offset * np.sin(yaw), y + offset * np.cos(yaw)) for x, y, yaw in map(road.path.at, along)]
         lamps = [self._lamp({"at": place, **item}, where) for place in places]

@@ -60,6 +60,11 @@ BAD = {
         9,
         "walls[0].line[0][1]: expected 1000 or less, found 4000",
     ),
+    "no lamp": (
+        "    lamp_rows:\n      - {road: main, spacing_m: 80}\n",
+        9,
+        "half a spacing along the road), found 80: no lamp",
+    ),
     "more than a turn": (
         "    slots:\n      - {at: [5, -5.5], hdg_deg: 1000000000000000000000000}\n",
         9,
