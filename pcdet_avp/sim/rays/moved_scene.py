@@ -27,6 +27,12 @@ class MovedScene:
         """As ``TriangleScene.candidates``."""
         return self._scene.candidates(*self._rays(origin, directions))
 
+    def passing(
+        self, origins: np.ndarray, directions: np.ndarray, limits: np.ndarray, without: np.ndarray
+    ) -> np.ndarray:
+        """As ``TriangleScene.passing``."""
+        return self._scene.passing(*self._rays(origins, directions), limits, without)
+
     def recall(self, origin: np.ndarray, directions: np.ndarray, limit: float) -> None:
         """Nothing: what moves is not where it was."""
 

@@ -2,8 +2,9 @@
 
 A world keeps several ``TriangleScene``: what stands still for a whole episode is built once, what moves is
 rebuilt every tick, and a ray takes the nearer hit. Rays of one origin are put to a small scene only where they point
-at one of its instances, shadow rays only where nothing blocked them before. A sensor that stands still asks what
-stands still only once. Directions need not be unit vectors; distances are in units of their length.
+at one of its instances; shadow rays only where nothing blocked them before, to the scenes after the first only where
+they come near an instance. A sensor that stands still asks what stands still only once. Directions need not be unit
+vectors; distances are in units of their length.
 """
 
 from __future__ import annotations
@@ -117,9 +118,13 @@ class RayTracer:
     def _blocked_beyond(self, origins, directions, limits, blocked: np.ndarray, first: int) -> np.ndarray:
         """``blocked`` and what the scenes from number ``first`` on block besides."""
         origins, directions, limits = ray_arrays(origins, directions, limits)
-        for scene in self.scenes[first:]:
-            # A ray of length zero costs Embree next to nothing.
-            blocked |= scene.blocks(origins, directions, np.where(blocked, np.float32(0), limits))
+        for number, scene in enumerate(self.scenes[first:], first):
+            if number == 0:
+                blocked = scene.blocks(origins, directions, limits)
+                continue
+            rows = scene.passing(origins, directions, limits, blocked)
+            if len(rows):
+                blocked[rows] = scene.blocks(origins[rows], directions[rows], limits[rows])
         return blocked
 
     @cached_property

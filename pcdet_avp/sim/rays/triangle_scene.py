@@ -15,6 +15,7 @@ from pcdet_avp.sim.rays.ray_cache import StandingViews
 
 Sphere = tuple[float, float, float, float]  # centre and radius
 MOST_CONES = 48  # a scene of more instances is asked about every ray
+BOX_MARGIN_M = np.float32(0.01)
 
 
 class TriangleScene:
@@ -29,6 +30,7 @@ class TriangleScene:
         counts = [len(mesh.faces) for mesh, _ in parts]
         self.instance = np.repeat(np.array([number for _, number in parts], np.int32), counts)
         self.colors, self.materials, self.normals = self.mesh.colors, self.mesh.materials, self.mesh.normals
+        self._boxes = np.array([bounding_box(mesh.vertices) for mesh, _ in parts], np.float32).reshape(-1, 2, 3)
         self._spheres = np.array([bounding_sphere(mesh.vertices) for mesh, _ in parts], np.float32).reshape(-1, 4)
         self.standing = StandingViews()
 
@@ -56,6 +58,12 @@ class TriangleScene:
             return None
         return np.flatnonzero(_in_a_cone(directions, offset, distance2 - radius2))
 
+    def passing(
+        self, origins: np.ndarray, directions: np.ndarray, limits: np.ndarray, without: np.ndarray
+    ) -> np.ndarray:
+        """Indices of the rays (R, 3) that may meet an instance before their limits (R,), but those ``without`` (R,)."""
+        return _near_a_box(origins, directions, limits, without, self._boxes)
+
     def recall(self, origin: np.ndarray, directions: np.ndarray, limit: float) -> dict[str, np.ndarray] | None:
         """First hits of rays from one origin (3,) that were cast before (see ``StandingViews``), not to be changed."""
 
@@ -80,6 +88,35 @@ def bounding_sphere(vertices: np.ndarray) -> Sphere:
     centre = (low + high) / 2
     radius = np.sqrt(((vertices - centre) ** 2).sum(1).max())
     return (*centre, 1.001 * radius + 1e-3)
+
+
+def bounding_box(vertices: np.ndarray) -> np.ndarray:
+    """(2, 3) lowest and highest corner of the box around vertices (V, 3), a little too large."""
+    return np.stack([vertices.min(0) - BOX_MARGIN_M, vertices.max(0) + BOX_MARGIN_M])
+
+
+@numba.njit(cache=True, nogil=True)
+def _near_a_box(origins, directions, limits, without, boxes):
+    """Indices of the rays whose own box, from origin to limit, overlaps one of the boxes (P, 2, 3)."""
+    found, count = np.empty(len(limits), np.int64), 0
+    for i in range(len(limits)):
+        if without[i]:
+            continue
+        x, y, z, t = origins[i, 0], origins[i, 1], origins[i, 2], limits[i]
+        ex, ey, ez = x + t * directions[i, 0], y + t * directions[i, 1], z + t * directions[i, 2]
+        for p in range(len(boxes)):
+            if (
+                max(x, ex) >= boxes[p, 0, 0]
+                and min(x, ex) <= boxes[p, 1, 0]
+                and max(y, ey) >= boxes[p, 0, 1]
+                and min(y, ey) <= boxes[p, 1, 1]
+                and max(z, ez) >= boxes[p, 0, 2]
+                and min(z, ez) <= boxes[p, 1, 2]
+            ):
+                found[count] = i
+                count += 1
+                break
+    return found[:count]
 
 
 @numba.njit(cache=True, fastmath=True, nogil=True)

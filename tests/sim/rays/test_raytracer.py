@@ -87,6 +87,24 @@ def test_leaving_out_rays_that_point_past_every_instance_changes_no_hit():
         np.testing.assert_array_equal(getattr(one, name), getattr(each, name))
 
 
+def test_shadow_rays_past_what_moves_are_left_out_and_none_is_missed(monkeypatch):
+    """Against the first hits: something blocks a ray if it is met before the ray's end."""
+    rng = np.random.default_rng(4)
+    wall = TriangleScene([cube(30, 0)])
+    cars = TriangleScene(
+        [(box_mesh(rng.uniform(2, 9, 3), rng.uniform(-20, 20, 3), (1,) * 3, Material.PAINT), k) for k in range(12)]
+    )
+    ends = rng.uniform(-30, 30, (2, 20000, 3)).astype(np.float32)
+    ends[:, :3000, 2] = ends[0, :3000, 2]  # level
+    origins, directions, limits = ends[0], ends[1] - ends[0], rng.uniform(0, 1, 20000).astype(np.float32)
+    met = RayTracer([wall, cars]).cast(origins, directions, limits)
+    queries, blocks = [], TriangleScene.blocks
+    monkeypatch.setattr(cars, "blocks", lambda *rays: queries.append(len(rays[2])) or blocks(cars, *rays))
+    blocked = RayTracer([wall, cars]).occluded(origins, directions, limits)
+    np.testing.assert_array_equal(blocked, met.face != NO_FACE)
+    assert 1000 < blocked.sum() < sum(queries) < 15000
+
+
 def test_an_eye_inside_an_instance_sees_it():
     tracer = RayTracer([TriangleScene([cube(0, 5)])])
     np.testing.assert_allclose(tracer.cast(np.zeros(3, np.float32), AHEAD).distance, 1, atol=1e-6)
