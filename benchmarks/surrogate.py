@@ -10,7 +10,8 @@ rank correlations of coverage with the share of episodes without a crash (+1: th
 as the crashes do), with bootstrap intervals over the placements. No threshold makes it good or bad.
 
 ``--measured FILE`` (JSON: placement's name -> figure, such as a network's AP on data made with that placement) is
-compared in the same way; ``--write_plans`` writes each placement as a plan file, to make such data with.
+compared in the same way; ``--write_plans`` writes each placement as a plan file, to make such data with. ``--rows
+FILE`` (a surrogate.json) takes placements and crashes from an earlier run and drives nothing.
 
 Writes surrogate.json, surrogate.md and surrogate.png; the same command goes on where it stopped.
 """
@@ -47,7 +48,7 @@ from pcdet_avp.placement.safe_speed import SpeedJob, SpeedResult, scenarios_of
 from pcdet_avp.placement.settings import PlacementSettings
 from pcdet_avp.placement.study import all_speeds, all_views, claim_folder
 from pcdet_avp.placement.visibility import Study, site_of
-from pcdet_avp.provenance import provenance
+from pcdet_avp.provenance import command, provenance
 from pcdet_avp.sim.plans.read import read_plan
 
 CONFIG = "cfgs/placement.yaml"
@@ -67,6 +68,7 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--trials", type=positive_int, default=10, help="of each scenario at each speed")
     parser.add_argument("--speeds", nargs="+", type=positive_float, default=[5.0, 6.0, 7.0, 8.0, 9.0, 10.0])
     parser.add_argument("--measured", type=path, metavar="FILE", help="JSON: placement's name -> a figure such as AP")
+    parser.add_argument("--rows", type=path, metavar="FILE", help="surrogate.json with placements and crashes")
     parser.add_argument("--write_plans", action="store_true", help="each placement as a plan file")
     parser.add_argument("--seed", type=non_negative_int, default=0)
     parser.add_argument("--workers", type=positive_int, default=2)
@@ -82,6 +84,29 @@ def parse_arguments() -> argparse.Namespace:
 
 def main() -> None:
     args = parse_arguments()
+    content, out = (earlier(args.rows), args.out or args.rows.parent) if args.rows else study_of(args)
+    add_measured(content["rows"], args.measured)
+    content |= compared(content["rows"], args.chosen_on, content["meta"]["seed"])
+    if args.measured:
+        content["measured_by"] = command()
+    write_json(out / "surrogate.json", content)
+    draw(content, out / "surrogate.png")
+    write_text(out / "surrogate.md", "\n".join(page(content)) + "\n")
+    print(f"wrote {out / 'surrogate.md'}")
+
+
+def earlier(file: Path) -> dict[str, Any]:
+    """What an earlier run wrote; ConfigError where it is none."""
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+        kept = {key: content[key] for key in ("meta", "plan", "rows", "speeds", "trials")}
+        return kept | {key: content[key] for key in ("measured_by",) if key in content}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ConfigError(f"--rows: expected a surrogate.json, found {file} ({error!r})") from error
+
+
+def study_of(args: argparse.Namespace) -> tuple[dict[str, Any], Path]:
+    """Meta, plan and rows of a study that is driven now, and the folder that it lies in."""
     cfg, settings = plain(load_config(args.cfg)), PlacementSettings.read(args.cfg)
     plan = read_plan(args.plan)
     floor, out = plan.floors[0].name, args.out or Path("output", "surrogate", Path(args.plan).stem)
@@ -96,13 +121,8 @@ def main() -> None:
                 out / "plans" / f"{trial.name}.yaml", plan.file, floor, unit_entries(sight, trial.options)
             )
     rows = rows_of(sight, trials, driven(args, study, sight, trials, out), settings.ahead_m)
-    add_measured(rows, args.measured)
-    content = {"meta": provenance(cfg, Path(args.cfg).stem, seed=args.seed), "plan": plan.name, "rows": rows}
-    content |= {"speeds": args.speeds, "trials": args.trials} | compared(rows, args.chosen_on, args.seed)
-    write_json(out / "surrogate.json", content)
-    draw(content, out / "surrogate.png")
-    write_text(out / "surrogate.md", "\n".join(page(content)) + "\n")
-    print(f"wrote {out / 'surrogate.md'}")
+    meta = provenance(cfg, Path(args.cfg).stem, seed=args.seed)
+    return {"meta": meta, "plan": plan.name, "rows": rows, "speeds": args.speeds, "trials": args.trials}, out
 
 
 def driven(args, study: Study, sight: Sight, trials: Sequence[Trial], out: Path) -> dict[str, Episodes]:

@@ -71,7 +71,7 @@ def page(content: Mapping[str, Any]) -> list[str]:
     lines += markdown_table(["coverage of", "Kendall", "Spearman", "Kendall where chosen"], body)
     for name, found in content.get("against_measured", {}).items():
         what = f"{found['placements']} placements, {name}, against the measured figure"
-        lines += ["", f"{what}: Kendall {_shown(found)[0]}, Spearman {_shown(found)[1]}."]
+        lines += ["", f"{what}: Kendall {_shown(found)[0]}, Spearman {_shown(found)[1]}. `{content['measured_by']}`"]
     lines += ["", "![Coverage against crash rate](surrogate.png)", ""]
     lines += ["`unfinished`: episodes that the time limit cut off, which are no crashes.", ""]
     table = [
@@ -80,10 +80,11 @@ def page(content: Mapping[str, Any]) -> list[str]:
             f"{100 * row['coverage'][DEFAULT]:.1f} %",
             f"{row['crashes']}/{row['episodes']}",
             str(row["unfinished"]),
+            f"{row['measured']:.1f}" if "measured" in row else "",
         ]
         for row in rows
     ]
-    return lines + markdown_table(["placement", "coverage", "crashes", "unfinished"], table)
+    return lines + markdown_table(["placement", "coverage", "crashes", "unfinished", "measured"], table)
 
 
 def _shown(found: Mapping[str, Any]) -> list[str]:

@@ -85,6 +85,27 @@ def test_another_measurement_is_entered_by_name(script, tmp_path):
             surrogate.add_measured(rows, file)
 
 
+def test_figures_join_the_rows_of_an_earlier_run_without_a_drive(script, tmp_path, monkeypatch):
+    """Coverage and figure rise together, crashes fall: both orders agree exactly."""
+    counts = {"greedy": False, "episodes": 20, "unfinished": 0}
+    rows = [{**row(k, 1 - k / 20, **{"all moments": k / 20}), "crashes": 20 - k, **counts} for k in range(20)]
+    content = {"meta": {"command": "c", "seed": 0, "git_commit": "abc"}, "plan": "P", "speeds": [6.0], "trials": 2}
+    earlier, figures, out = tmp_path / "surrogate.json", tmp_path / "ap.json", tmp_path / "out"
+    earlier.write_text(json.dumps({**content, "rows": rows, "chosen": "gone"}))
+    figures.write_text(json.dumps({f"p{k}": 40.0 + k for k in range(12)}))
+    words = ["surrogate", "--rows", earlier, "--measured", figures, "--out", out]
+    monkeypatch.setattr(sys, "argv", [str(word) for word in words])
+    script("surrogate").main()
+    found = json.loads((out / "surrogate.json").read_text())
+    assert found["against_measured"]["all moments"]["kendall"]["value"] == 1
+    assert found["against_measured"]["all moments"]["placements"] == 12
+    assert found["chosen"] == "all moments"
+    assert "| p3        | 15.0 %   | 17/20   | 0          | 43.0     |" in (out / "surrogate.md").read_text()
+    earlier.write_text("{}")
+    with pytest.raises(ConfigError, match=r"--rows: expected a surrogate\.json, found .*surrogate\.json"):
+        script("surrogate").main()
+
+
 @pytest.mark.slow
 def test_the_whole_study_in_small(script, tmp_path, monkeypatch):
     sizes = "--placements 6 --chosen_on 3 --trials 2 --speeds 5 9 --candidates 8 --occupancies 2 --workers 1"
