@@ -5,7 +5,9 @@
 
 ``examples/real_time.py`` starts both and measures them. ``--drop 0.1`` throws away a tenth of the segments, as a bad
 radio would. The vehicle's own sensors are the recording that the roadside replays, too; the clocks must agree, as on
-one machine. Any --runtime understands any other's maps.
+one machine. Nothing on the air says which recording that is: --split, --frames and the data set must be the same on
+both sides, else maps and sensors are of different scenes, and the boxes mean nothing. Any --runtime understands any
+other's maps.
 Maps of another network are not used, and the vehicle says so: only their own network can read them. ``--any_network``
 takes them all the same, as where only a head was trained further.
 All roadside units that send here are used, each as long as its maps are young; ``--unit 0 2`` uses only those two. A

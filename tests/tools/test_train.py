@@ -264,6 +264,14 @@ def test_going_back_to_an_earlier_checkpoint_says_what_it_leaves(workplace, call
     assert all(torch.equal(again[key], before[key]) for key in before)
 
 
+def test_going_back_behind_later_epochs_keeps_what_is_trained(workplace, call):
+    folder, run = workplace
+    shutil.copy(run / "ckpt" / LAST, run / "ckpt" / "checkpoint_epoch_7.pth")
+    earlier = run / "ckpt" / "checkpoint_epoch_1.pth"
+    call(folder, "train", "--epochs", 2, "--no_eval", "--ckpt", earlier, "--max_ckpt_save_num", 1)
+    assert {file.name for file in (run / "ckpt").glob("*epoch*")} == {LAST, "checkpoint_epoch_7.pth"}
+
+
 def test_weights_from_two_places_are_refused(call, tmp_path):
     with pytest.raises(ConfigError, match="--ckpt and --pretrained_model: give one of them"):
         call(tmp_path, "train", "--ckpt", "a.pth", "--pretrained_model", "b.pth")
