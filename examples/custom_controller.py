@@ -9,11 +9,11 @@ differs is the controller alone.
 
 from __future__ import annotations
 
-import argparse
-
 import gymnasium
 import numpy as np
 
+from pcdet_avp.argument_types import Parser, positive_float, positive_int
+from pcdet_avp.cli import run_tool
 from pcdet_avp.structures.ego import EGO_LENGTH_M
 from pcdet_avp.structures.frame import CLASS_NAMES
 
@@ -42,9 +42,9 @@ def drive(env: gymnasium.Env, trial: int, cruising_mps: float, own: bool):
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--speed", type=float, default=10.0, help="cruising speed, m/s")
-    parser.add_argument("--episodes", type=int, default=5)
+    parser = Parser(description=__doc__.splitlines()[0])
+    parser.add_argument("--speed", type=positive_float, default=10.0, help="cruising speed, m/s")
+    parser.add_argument("--episodes", type=positive_int, default=5)
     args = parser.parse_args()
     env = gymnasium.make(ENVIRONMENT, cruising_mps=args.speed)
     for name, own in (("the paper's law", False), ("custom controller", True)):
@@ -56,4 +56,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_tool(main)

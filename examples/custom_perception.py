@@ -9,13 +9,14 @@ box. It works on ray-traced sweeps with the drop-off of the paper's sensor, and 
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from pcdet_avp.argument_types import Parser, positive_float, positive_int
+from pcdet_avp.cli import run_tool
 from pcdet_avp.closed_loop.episode import run_episode
 from pcdet_avp.closed_loop.perception.perceiver import Perceived
 from pcdet_avp.config import load_config
@@ -91,9 +92,9 @@ def _box(points: np.ndarray) -> np.ndarray:
 def main() -> None:
     from pcdet_avp.sim.scenarios.table import draw_scenario
 
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--speed", type=float, default=8.0, help="cruising speed, m/s")
-    parser.add_argument("--episodes", type=int, default=2)
+    parser = Parser(description=__doc__.splitlines()[0])
+    parser.add_argument("--speed", type=positive_float, default=8.0, help="cruising speed, m/s")
+    parser.add_argument("--episodes", type=positive_int, default=2)
     args = parser.parse_args()
     perceiver = BackgroundSubtraction(Rig.from_config(load_config(CONFIG).SENSORS))
     for name in ("pedestrian", "t_junction"):
@@ -108,4 +109,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_tool(main)

@@ -26,6 +26,7 @@ from threading import Thread
 
 from pcdet_avp.argument_types import path, positive_float, positive_int
 from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
+from pcdet_avp.datasets.avp.splits import SPLITS
 from pcdet_avp.deploy.runtime import TORCH
 from pcdet_avp.engine.real_time import table
 from pcdet_avp.errors import AvpError, ConfigError
@@ -48,7 +49,7 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--rate_hz", type=positive_float, default=20.0, help="ticks a second (default: 20)")
     parser.add_argument("--max_age", type=positive_float, default=1.0, help="older maps are unused (s, default: 1)")
     parser.add_argument("--threads", type=positive_int, default=1, help="of each process (default: 1)")
-    parser.add_argument("--split", default="test")
+    parser.add_argument("--split", choices=SPLITS, default="test")
     parser.add_argument("--frames", type=positive_int, default=8, help="length of the recording (default: 8 frames)")
     parser.add_argument("--out", type=path, default=Path("output/real_time.json"), metavar="FILE", help="the figures")
     return parser.parse_args()

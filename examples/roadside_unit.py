@@ -27,6 +27,7 @@ from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
 from pcdet_avp.datasets.avp.frames import find_frames
 from pcdet_avp.datasets.avp.prepare import PrepareConfig, prepare
 from pcdet_avp.datasets.avp.record import read_frame
+from pcdet_avp.datasets.avp.splits import SPLITS
 from pcdet_avp.engine.halves import Roadside, open_roadside
 from pcdet_avp.engine.real_time import FRAME, RealTimeReport, table
 from pcdet_avp.errors import ConfigError, LinkError
@@ -51,18 +52,18 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--seconds", type=positive_float, default=10.0, help="how long to send")
     parser.add_argument("--wait", type=positive_float, default=60.0, help="end where nobody listens for so long (s)")
     parser.add_argument("--rate", type=positive_float, default=20.0, help="maps of a modality a second (default: 20)")
-    parser.add_argument("--split", default="test")
+    parser.add_argument("--split", choices=SPLITS, default="test")
     parser.add_argument("--frames", type=positive_int, default=8, help="length of the recording (default: 8 frames)")
     parser.add_argument("--budget", type=positive_int, default=72_000, help="bytes a map may take (default: 72000)")
     parser.add_argument("--summary", type=path, metavar="FILE", help="write the figures here, too (JSON)")
     return parser.parse_args()
 
 
-def address(text: str) -> tuple[str, int]:
-    """``"127.0.0.1:47020"`` as a pair."""
+def address(text: str, option: str) -> tuple[str, int]:
+    """``"127.0.0.1:47020"`` as a pair; ConfigError that names the option where it is none."""
     host, _, port = text.rpartition(":")
     if not host or not port.isdigit() or not 0 < int(port) < 1 << 16:
-        raise ConfigError(f"expected HOST:PORT, found {text!r}")
+        raise ConfigError(f"{option}: expected HOST:PORT, found {text!r}")
     return host, int(port)
 
 
@@ -90,7 +91,7 @@ class Sender:
         self._to, self._wait_s = to, wait_s
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
-            self._socket.connect(address(to))
+            self._socket.connect(address(to, "--to"))
         except OSError as error:
             raise LinkError(f"--to {to}: no way there ({error.strerror})") from error
         self.bytes, self.refused = 0, 0
@@ -159,7 +160,7 @@ def finish(report: RealTimeReport, sender: Sender, args: argparse.Namespace) -> 
 
 def main() -> None:
     args = parse_arguments()
-    address(args.to)
+    address(args.to, "--to")
     if args.unit >= MAX_SENDERS:
         raise ConfigError(f"--unit: expected a number below {MAX_SENDERS}, found {args.unit}")
     signal.signal(signal.SIGTERM, signal.default_int_handler)

@@ -5,7 +5,9 @@
 
 ``examples/real_time.py`` starts both and measures them. ``--drop 0.1`` throws away a tenth of the segments, as a bad
 radio would. The vehicle's own sensors are the recording that the roadside replays, too; the clocks must agree, as on
-one machine. Any --runtime understands any other's maps.
+one machine. Nothing on the air says which recording that is: --split, --frames and the data set must be the same on
+both sides, else maps and sensors are of different scenes, and the boxes mean nothing. Any --runtime understands any
+other's maps.
 Maps of another network are not used, and the vehicle says so: only their own network can read them. ``--any_network``
 takes them all the same, as where only a head was trained further.
 All roadside units that send here are used, each as long as its maps are young; ``--unit 0 2`` uses only those two. A
@@ -26,6 +28,7 @@ from roadside_unit import address, frame_number, recording
 
 from pcdet_avp.argument_types import non_negative_float, non_negative_int, path, positive_float, positive_int, share
 from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
+from pcdet_avp.datasets.avp.splits import SPLITS
 from pcdet_avp.engine.halves import Vehicle, open_vehicle
 from pcdet_avp.engine.real_time import FRAME, RealTimeReport, table
 from pcdet_avp.errors import ConfigError, LinkError
@@ -53,7 +56,7 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--drop", type=share, default=0.0, help="share of the segments that is thrown away")
     parser.add_argument("--any_network", action="store_true", help="use maps that another network made, too")
     parser.add_argument("--max_age", type=non_negative_float, default=1.0, help="older maps are unused (s, default: 1)")
-    parser.add_argument("--split", default="test")
+    parser.add_argument("--split", choices=SPLITS, default="test")
     parser.add_argument("--frames", type=positive_int, default=8, help="length of the recording, as the roadside's")
     parser.add_argument("--summary", type=path, metavar="FILE", help="write the figures here, too (JSON)")
     return parser.parse_args()
@@ -251,7 +254,7 @@ def main() -> None:
     cfg = load_arguments_config(args)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiving:
         try:
-            receiving.bind(address(args.listen))
+            receiving.bind(address(args.listen, "--listen"))
         except OSError as error:
             raise LinkError(f"--listen {args.listen}: cannot be bound ({error.strerror})") from error
         report = RealTimeReport("vehicle", args.runtime, args.rate)

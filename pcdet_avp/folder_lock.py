@@ -1,5 +1,6 @@
-"""One process at a time in a folder: two makers of a data set would remove each other's unfinished frames, and of two
-sweeps the last one to end would leave tables without the other's episodes."""
+"""One process at a time in a folder: two makers of a data set would remove each other's unfinished frames, two
+trainings would write over each other's checkpoints, and of two sweeps the last one to end would leave tables without
+the other's episodes."""
 
 from __future__ import annotations
 
@@ -17,6 +18,18 @@ except ModuleNotFoundError:  # not on Windows: there, nothing is locked
     fcntl = None  # type: ignore[assignment]
 
 LOCK_FILE = ".lock"
+_held: set[int] = set()  # open files of the locks that this process has
+
+
+def _let_go() -> None:
+    """In a process that was forked: the lock is its parent's and must not outlive it."""
+    for handle in _held:
+        os.close(handle)
+    _held.clear()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_let_go)
 
 
 @contextmanager
@@ -33,12 +46,15 @@ def sole_user(root: Path) -> Iterator[None]:
         handle = _locked(file)
     except OSError as error:
         raise RecordError(f"{file}: cannot be written ({error.strerror})") from error
+    _held.add(handle)
     try:
         yield
     finally:
-        with suppress(OSError):
-            file.unlink()
-        os.close(handle)
+        if handle in _held:
+            _held.remove(handle)
+            with suppress(OSError):
+                file.unlink()
+            os.close(handle)
 
 
 def _locked(file: Path) -> int:

@@ -36,6 +36,19 @@ def test_custom_perception_sees_pedestrians_and_the_turning_vehicle(output_of):
     assert text.count("contact none") == 2
 
 
+@pytest.mark.parametrize("wrong", [("--episodes", "0"), ("--speed", "nan"), ("--speed", "-3")])
+@pytest.mark.parametrize("name", ["custom_controller", "custom_perception"])
+def test_a_drive_that_cannot_be_is_one_line(name, wrong, output_of, capsys):
+    pytest.importorskip("gymnasium")
+    with pytest.raises(SystemExit) as ended:
+        output_of(name, *wrong)
+    assert ended.value.code == 2
+    told = capsys.readouterr()
+    assert told.err.startswith(f"error: argument {wrong[0]}: expected ")
+    assert f"found '{wrong[1]}'" in told.err
+    assert (told.err.count("\n"), told.out) == (1, "")
+
+
 def test_the_example_of_the_page_on_the_closed_loop_films_an_episode(monkeypatch):
     """Its code is run as it stands there; only the drawing is left out."""
     from pcdet_avp.closed_loop.video import video

@@ -22,6 +22,22 @@ with sole_user(Path(sys.argv[1])):
     time.sleep(60)
 """
 
+FORK = """
+import os, sys, time
+from pathlib import Path
+from pcdet_avp.folder_lock import LOCK_FILE, sole_user
+with sole_user(Path(sys.argv[1])):
+    leaves = os.fork()
+    if not leaves:
+        sys.exit()
+    os.waitpid(leaves, 0)
+    stays = os.fork()
+    if not stays:
+        time.sleep(60)
+    print(stays, (Path(sys.argv[1]) / LOCK_FILE).exists(), flush=True)
+    time.sleep(60)
+"""
+
 
 def test_the_second_maker_is_refused_and_the_first_goes_on(tmp_path):
     """Also one who would finish the same data set: its clearing up would remove the frame that is being written."""
@@ -51,6 +67,25 @@ def test_the_lock_of_a_killed_process_is_none(tmp_path):
     with claimed(tmp_path, Manifest((), complete=False)):  # and what it left is no foreign file
         pass
     assert not (tmp_path / LOCK_FILE).exists()
+
+
+def test_a_forked_child_neither_keeps_nor_ends_the_lock(tmp_path):
+    """Those that load a training's data live on for a second after ``kill -9``; the same command goes on at once."""
+    process = subprocess.Popen([sys.executable, "-c", FORK, tmp_path], stdout=subprocess.PIPE, text=True)
+    child, still_there = process.stdout.readline().split()
+    try:
+        assert still_there == "True"
+        with pytest.raises(RecordError, match=f"held by process {process.pid} on"), sole_user(tmp_path):
+            pass
+        process.kill()
+        process.wait()
+        os.kill(int(child), 0)  # it is alive
+        with sole_user(tmp_path):
+            pass
+    finally:
+        os.kill(int(child), signal.SIGKILL)
+        process.kill()
+        process.communicate()
 
 
 def test_a_folder_that_cannot_be_written_is_named(tmp_path):

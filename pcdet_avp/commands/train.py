@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import difflib
 import time
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 
@@ -24,6 +25,7 @@ from pcdet_avp.engine.testing.depth_table import run_depth_test
 from pcdet_avp.engine.testing.run import run_test, store_driving_thresholds
 from pcdet_avp.engine.training.run import TrainOptions, run_training
 from pcdet_avp.errors import ConfigError
+from pcdet_avp.folder_lock import sole_user
 from pcdet_avp.generate import generate
 from pcdet_avp.models import detects_objects
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
@@ -68,7 +70,10 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--logger_iter_interval", type=positive_int, default=50, metavar="ITERATIONS")
     parser.add_argument("--picture_interval", type=positive_int, default=500, metavar="ITERATIONS")
     parser.add_argument("--no_eval", action="store_true", help="do not test at the end")
-    return parser.parse_args()
+    args = parser.parse_args()
+    if args.ckpt and args.pretrained_model:  # its weights would be those of --ckpt
+        raise ConfigError("--ckpt and --pretrained_model: give one of them")
+    return args
 
 
 def main() -> None:
@@ -78,19 +83,23 @@ def main() -> None:
     try:
         _override(cfg, args, ranks)
         folder = RunFolder.of(args.cfg, args.extra_tag).create()
-        logger = open_log(folder.root, "train", ranks.is_first)
-        if ranks.is_first:
-            folder.write_config(cfg, Path(args.cfg).stem)
-            if _is_slow(cfg, ranks):
-                logger.warning(SLOW.format(cfg=args.cfg))
-            _make_data(cfg, args, logger)
-        ranks.wait()  # for the data
-        name = Path(args.cfg).stem
-        last = run_training(cfg, name, folder, _options(args, _is_slow(cfg, ranks)), ranks, logger)
-        if not args.no_eval:
-            _evaluate(cfg, name, last, folder, args, ranks, logger, started)
+        with sole_user(folder.root) if ranks.is_first else nullcontext():
+            _train(cfg, args, folder, ranks, started)
     finally:
         distributed.stop()
+
+
+def _train(cfg, args: argparse.Namespace, folder: RunFolder, ranks: distributed.Ranks, started: float) -> None:
+    """Data, training and test; no other process works in the folder."""
+    name, logger = Path(args.cfg).stem, open_log(folder.root, "train", ranks.is_first)
+    if ranks.is_first:
+        if _is_slow(cfg, ranks):
+            logger.warning(SLOW.format(cfg=args.cfg))
+        _make_data(cfg, args, logger)
+    ranks.wait()  # for the data
+    last = run_training(cfg, name, folder, _options(args, _is_slow(cfg, ranks)), ranks, logger)
+    if not args.no_eval:
+        _evaluate(cfg, name, last, folder, args, ranks, logger, started)
 
 
 def _override(cfg, args: argparse.Namespace, ranks: distributed.Ranks) -> None:

@@ -142,14 +142,16 @@ def _problem(path: Path) -> str:
     return f"{path}: cannot be read"
 
 
-def drop_oldest(folder: Path, keep: int) -> None:
+def drop_oldest(folder: Path, keep: int, just_saved: Path | None = None) -> None:
     """Remove epoch checkpoints, those of the first epochs first, until ``keep`` are left; 0 keeps all.
 
-    Files of other names are the user's and stay.
+    ``just_saved`` stays: a run that went back (``--ckpt``) has later epochs beside it. Files of other names are the
+    user's and stay, too.
     """
     epochs = {path: int(match[1]) for path in folder.glob("*.pth") if (match := EPOCH_FILE.fullmatch(path.name))}
     for path in sorted(epochs, key=epochs.get, reverse=True)[keep:] if keep else ():
-        path.unlink(missing_ok=True)
+        if path != just_saved:
+            path.unlink(missing_ok=True)
 
 
 def _set_aside(path: Path) -> Path:

@@ -3,6 +3,7 @@
 import json
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -132,11 +133,24 @@ def test_only_an_earlier_export_is_replaced(to_export, tmp_path, monkeypatch):
     for _ in range(2):
         files = write.export_network(to_export.network, to_export.cfg.CLASS_NAMES, (108, 192), tmp_path / "out", {})
         assert len(files) == 15
-    (tmp_path / "mine").mkdir()
-    (tmp_path / "mine" / "thesis.tex").write_text("years of work")
-    with pytest.raises(OutputError, match="holds something that is no exported network"):
-        write.export_network(to_export.network, to_export.cfg.CLASS_NAMES, (108, 192), tmp_path / "mine", {})
-    assert (tmp_path / "mine" / "thesis.tex").exists()
+    for name in ("mine/thesis.tex", f"page/{MANIFEST}", "out/vehicle/notes.txt"):  # web pages have a manifest.json, too
+        file = tmp_path / name
+        file.parent.mkdir(exist_ok=True)
+        file.write_text("years of work")
+        folder = tmp_path / file.relative_to(tmp_path).parts[0]
+        with pytest.raises(OutputError, match=f"holds .*{file.name}, which is no part of an exported network"):
+            write.export_network(to_export.network, to_export.cfg.CLASS_NAMES, (108, 192), folder, {})
+        assert file.read_text() == "years of work"
+
+
+def test_the_working_folder_may_be_exported_to(to_export, tmp_path, monkeypatch):
+    monkeypatch.setattr(write, "graph_of", lambda piece: b"")
+    monkeypatch.setattr(write, "compare", lambda piece, content: 0.0)
+    (tmp_path / "out").mkdir()
+    monkeypatch.chdir(tmp_path / "out")
+    write.export_network(to_export.network, to_export.cfg.CLASS_NAMES, (108, 192), Path(), {})
+    assert {file.name for file in (tmp_path / "out").iterdir()} == {MANIFEST, "roadside", "vehicle"}
+    assert [file.name for file in tmp_path.iterdir()] == ["out"]
 
 
 def test_a_missing_library_is_named(monkeypatch):

@@ -125,6 +125,13 @@ def test_the_first_epochs_go_the_newest_state_and_the_users_files_stay(tmp_path)
     assert {p.name for p in tmp_path.iterdir()} == kept
 
 
+def test_a_run_that_went_back_does_not_remove_what_it_has_just_saved(tmp_path):
+    _epochs(tmp_path, 5)
+    checkpoint.drop_oldest(tmp_path, keep=2, just_saved=tmp_path / "checkpoint_epoch_1.pth")
+    kept = {f"checkpoint_epoch_{epoch}.pth" for epoch in (1, 4, 5)}
+    assert {p.name for p in tmp_path.glob("checkpoint_*")} == kept
+
+
 def test_keeping_none_in_number_keeps_all(tmp_path):
     _epochs(tmp_path, 3)
     checkpoint.drop_oldest(tmp_path, keep=0)

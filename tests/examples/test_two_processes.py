@@ -213,7 +213,7 @@ def test_what_is_wrong_is_one_line(run_here):
         taken.bind(("127.0.0.1", 0))
         wrong = {
             "cannot be bound": ("vehicle", "--listen", f"127.0.0.1:{taken.getsockname()[1]}"),
-            "expected HOST:PORT, found 'here'": ("roadside_unit", "--to", "here"),
+            "--to: expected HOST:PORT, found 'here'": ("roadside_unit", "--to", "here"),
             "--unit: expected a number below 65536, found 65536": ("roadside_unit", "--unit", 65_536),
             "no segment at all; is roadside_unit.py running": ("vehicle", "--listen", f"127.0.0.1:{free_port()}"),
             "nobody listens there (is vehicle.py running": ("roadside_unit", "--to", f"127.0.0.1:{free_port()}"),

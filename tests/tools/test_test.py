@@ -69,6 +69,17 @@ def test_detections_are_kept_as_arrays_and_as_texts(call, trained, tmp_path):
         assert kept[0].boxes.size
 
 
+def test_a_second_test_under_the_same_tag_leaves_nothing_of_the_first(call, trained, tmp_path):
+    """Their weights may differ: the first one's detections would pass for those of the result beside them."""
+    words = ("test", "--ckpt", trained / "ckpt" / "checkpoint_epoch_2.pth", "--eval_tag", "twice")
+    folder = tmp_path / "output/avp/cp_tiny/default/eval/checkpoint_epoch_2/test/twice"
+    call(tmp_path, *words, "--combos", "C+none,CL+CL", "--save_to_file")
+    (folder / "notes.txt").write_text("the user's")
+    call(tmp_path, *words, "--combos", "C+none")
+    left = {str(file.relative_to(folder)) for file in folder.rglob("*") if file.is_file()}
+    assert left == {"table.md", "details.md", "result.json", "detections/C+none.npz", "notes.txt"}
+
+
 def test_every_checkpoint_of_a_run_gives_a_curve(call, trained):
     call(trained.parents[3], "test", "--eval_all", "--combos", "C+none")
     assert all((trained / "eval" / f"checkpoint_epoch_{n}" / "val").exists() for n in (1, 2))

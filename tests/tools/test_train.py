@@ -14,7 +14,8 @@ from easydict import EasyDict
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from pcdet_avp.datasets.avp.manifest import Manifest, Scene, write_manifest
-from pcdet_avp.errors import CheckpointError, ConfigError, SensorError
+from pcdet_avp.errors import CheckpointError, ConfigError, RecordError, SensorError
+from pcdet_avp.folder_lock import sole_user
 from pcdet_avp.models.weights.checkpoint_file import read_checkpoint
 
 REPOSITORY = Path(__file__).parents[2]
@@ -82,11 +83,13 @@ def test_a_truncated_checkpoint_is_named_and_kept_and_the_one_before_used(workpl
 
 
 def test_another_configuration_does_not_go_on_with_this_run(workplace, call):
-    folder, _ = workplace
+    folder, run = workplace
+    before = (run / "cp_tiny.yaml").read_bytes()
     with pytest.raises(CheckpointError, match=r"made with OPTIMIZATION\.LR 0\.003, this run has 0\.002"):
         call(folder, "train", "--epochs", 3, overrides=["OPTIMIZATION.LR", "0.002"])
     with pytest.raises(CheckpointError, match="seed is 0, this one's is 1"):
         call(folder, "train", "--epochs", 3, "--seed", 1)
+    assert (run / "cp_tiny.yaml").read_bytes() == before  # the run's configuration, not the refused one
 
 
 def test_pretrained_weights_start_a_run_of_their_own(call, trained, tmp_path):
@@ -236,6 +239,53 @@ def test_a_finished_checkpoint_under_a_new_tag_gives_the_table_of_that_checkpoin
     tables = [json.loads((r / "eval" / Path(LAST).stem / "test" / "result.json").read_text()) for r in (run, trained)]
     assert tables[0]["meta"]["weights_hash"] == tables[1]["meta"]["weights_hash"]
     assert tables[0]["rows"] == tables[1]["rows"]
+
+
+def test_a_finished_checkpoint_is_not_mistaken_for_another_one_of_its_name(workplace, call, tmp_path):
+    """It is neither tested in the place of the one that was asked for nor written over."""
+    folder, run = workplace
+    other, before = read_checkpoint(run / "ckpt" / LAST), (run / "ckpt" / LAST).read_bytes()
+    other["model_state"]["dense_head.conv_cls.bias"] += 1.0
+    (tmp_path / "other").mkdir()
+    torch.save(other, tmp_path / "other" / LAST)
+    with pytest.raises(
+        CheckpointError, match=rf"{LAST}: has other weights \(\w+\) than the finished run .*--extra_tag"
+    ):
+        call(folder, "train", "--epochs", 2, "--ckpt", tmp_path / "other" / LAST)
+    assert (run / "ckpt" / LAST).read_bytes() == before
+
+
+def test_going_back_to_an_earlier_checkpoint_says_what_it_leaves(workplace, call):
+    folder, run = workplace
+    earlier, before = run / "ckpt" / "checkpoint_epoch_1.pth", read_checkpoint(run / "ckpt" / LAST)["model_state"]
+    call(folder, "train", "--epochs", 2, "--no_eval", "--ckpt", earlier)
+    assert "holds a checkpoint of iteration 4, --ckpt is of iteration 2" in _log(run)
+    again = read_checkpoint(run / "ckpt" / LAST)["model_state"]
+    assert all(torch.equal(again[key], before[key]) for key in before)
+
+
+def test_going_back_behind_later_epochs_keeps_what_is_trained(workplace, call):
+    folder, run = workplace
+    shutil.copy(run / "ckpt" / LAST, run / "ckpt" / "checkpoint_epoch_7.pth")
+    earlier = run / "ckpt" / "checkpoint_epoch_1.pth"
+    call(folder, "train", "--epochs", 2, "--no_eval", "--ckpt", earlier, "--max_ckpt_save_num", 1)
+    assert {file.name for file in (run / "ckpt").glob("*epoch*")} == {LAST, "checkpoint_epoch_7.pth"}
+
+
+def test_weights_from_two_places_are_refused(call, tmp_path):
+    with pytest.raises(ConfigError, match="--ckpt and --pretrained_model: give one of them"):
+        call(tmp_path, "train", "--ckpt", "a.pth", "--pretrained_model", "b.pth")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_second_training_in_the_same_folder_is_refused(workplace, call):
+    """They would write over each other's checkpoints, and each would test the other's."""
+    pytest.importorskip("fcntl")
+    folder, run = workplace
+    before = sorted(run.rglob("*"))
+    with sole_user(run), pytest.raises(RecordError, match=rf"\.lock: held by process {os.getpid()} on"):
+        call(folder, "train", "--epochs", 2, "--no_eval", "--seed", 1)
+    assert sorted(run.rglob("*")) == before
 
 
 def test_a_copy_without_times_is_not_trained_again(workplace, call, trained):

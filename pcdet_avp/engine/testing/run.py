@@ -19,6 +19,7 @@ from pcdet_avp.engine.same_split import check_same_split, seen_before
 from pcdet_avp.engine.testing.detect import benchmark, detect, driving_thresholds, existing_combos
 from pcdet_avp.engine.testing.exported import load_exported
 from pcdet_avp.engine.testing.roadside_gain import roadside_gains
+from pcdet_avp.errors import OutputError
 from pcdet_avp.evaluation.benchmark_table import render
 from pcdet_avp.evaluation.detections_file import write_detections, write_texts
 from pcdet_avp.evaluation.inputs import Detections
@@ -29,6 +30,9 @@ from pcdet_avp.models.compression.wire import Wire
 from pcdet_avp.models.precision import chosen_precision
 from pcdet_avp.models.weights.checkpoint_file import THRESHOLDS_KEY, read_checkpoint
 from pcdet_avp.provenance import provenance
+from pcdet_avp.structures.sensor_set import SENSOR_SETS
+
+RESULT = "result.json"
 
 
 @dataclass(frozen=True)
@@ -54,8 +58,9 @@ class BenchmarkResult:
         """``table.md``, details, detections and ``result.json`` into a folder; the JSON also to a file of its own.
 
         ``save_to_file``: the detections of every frame as text, too, in ``final_result/<combination>/``. Where
-        ``result.json`` is, everything is: it is written last.
+        ``result.json`` is, everything is: it is written last. What an earlier test left there is removed.
         """
+        _clear(folder)
         write_text(folder / "table.md", self.tables + "\n")
         details = [f"## {combo}\n\n```\n{text}\n```\n" for combo, text in self.texts.items()]
         write_text(folder / "details.md", "\n".join(details))
@@ -64,8 +69,18 @@ class BenchmarkResult:
             if save_to_file:
                 write_texts(folder / "final_result" / combo, detections)
         content = {"meta": self.meta, "rows": self.rows}
-        for file in filter(None, (folder / "result.json", json_file)):
+        for file in filter(None, (folder / RESULT, json_file)):
             write_json(file, content)
+
+
+def _clear(folder: Path) -> None:
+    """Remove an earlier test's result and detections, which may be of other weights and other combinations."""
+    texts = (file for combo in SENSOR_SETS for file in (folder / "final_result" / combo).glob("*.txt"))
+    for file in (folder / RESULT, *(folder / "detections" / f"{combo}.npz" for combo in SENSOR_SETS), *texts):
+        try:
+            file.unlink(missing_ok=True)
+        except OSError as error:
+            raise OutputError(f"{file}: an earlier test's, cannot be removed ({error.strerror})") from error
 
 
 def load_network(

@@ -45,7 +45,7 @@ class CheckpointSaver:
         path, content = self.folder / name, run_state(trainer) | self.about
         if trainer.ranks.is_first:
             checkpoint.save(path, content)
-            checkpoint.drop_oldest(self.folder, self.keep)
+            checkpoint.drop_oldest(self.folder, self.keep, path)
         self.saved_at = time.monotonic()
         return path
 

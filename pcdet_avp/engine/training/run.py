@@ -27,11 +27,11 @@ from pcdet_avp.engine.training.run_state import check_config, restore_run
 from pcdet_avp.engine.training.sampler import BatchPlan, CombinationBatchSampler
 from pcdet_avp.engine.training.time_budget import TimeBudget
 from pcdet_avp.engine.training.trainer import Trainer
-from pcdet_avp.errors import ConfigError
+from pcdet_avp.errors import CheckpointError, ConfigError
 from pcdet_avp.models import build_network, detects_objects
 from pcdet_avp.models.precision import SLOW_BF16, emulates_bf16
 from pcdet_avp.models.weights.agreement import MEANING_KEY
-from pcdet_avp.models.weights.checkpoint_file import read_checkpoint
+from pcdet_avp.models.weights.checkpoint_file import iterations_of, read_checkpoint
 from pcdet_avp.models.weights.meaning import meaning_of
 from pcdet_avp.provenance import versions
 from pcdet_avp.structures.sensor_set import combos_with
@@ -66,6 +66,8 @@ def run_training(
     dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=True, logger=logger)
     trainer = build_trainer(cfg, dataset, options, ranks, logger)
     resume(trainer, cfg, folder, options, logger)
+    if ranks.is_first:
+        folder.write_config(cfg, config_name)  # not before: a configuration that is refused is not the run's
     if trainer.iteration == 0 and not options.pretrained_model:
         warn_of_slow_parts(cfg.OPTIMIZATION, logger)
     saver = CheckpointSaver(
@@ -77,8 +79,7 @@ def run_training(
     )
     if trainer.finished:
         logger.info(f"training is complete at iteration {trainer.iteration}")
-        last = folder.checkpoints / epoch_file(trainer)
-        return last if ranks.from_first(last.exists()) else saver.save(trainer, last.name)
+        return _last(trainer, saver)
     monitor = _monitor(folder, trainer, options, logger)
     sampler = CombinationBatchSampler(trainer.plan, trainer.iteration, ranks.rank, ranks.world)
     budget = TimeBudget(options.max_minutes) if options.max_minutes else None
@@ -92,6 +93,25 @@ def run_training(
     ranks.wait()
     logger.info(f"trained {trainer.iteration} iterations in {trainer.elapsed_s / 60:.1f} minutes")
     return folder.checkpoints / epoch_file(trainer)
+
+
+def _last(trainer: Trainer, saver: CheckpointSaver) -> Path:
+    """The last checkpoint of a finished run, written where its folder has none yet (``--ckpt`` under a new tag).
+
+    CheckpointError where the folder's has other weights than those that were gone on with.
+    """
+    last = saver.folder / epoch_file(trainer)
+    if not trainer.ranks.from_first(last.exists()):
+        return saver.save(trainer, last.name)
+    theirs, ours = (
+        checkpoint.weights_hash(s) for s in (read_checkpoint(last)["model_state"], trainer.model.state_dict())
+    )
+    if theirs != ours:
+        raise CheckpointError(
+            f"{last}: has other weights ({theirs}) than the finished run that was asked for ({ours}); choose another "
+            "--extra_tag"
+        )
+    return last
 
 
 def build_trainer(cfg: Mapping, dataset: Any, options: TrainOptions, ranks: Ranks, logger: logging.Logger) -> Trainer:
@@ -138,7 +158,19 @@ def resume(trainer: Trainer, cfg: Mapping, folder: RunFolder, options: TrainOpti
         logger.warning(complaint)
     check_config(cfg, content.get("config"), str(path))
     restore_run(trainer, content, str(path))
+    if options.ckpt:
+        _warn_of_later(trainer, folder, logger)
     logger.info(f"going on from {path}: iteration {trainer.iteration} of {trainer.schedule.total}")
+
+
+def _warn_of_later(trainer: Trainer, folder: RunFolder, logger: logging.Logger) -> None:
+    """Say it where the run's folder holds more training than ``--ckpt``: the same command, again, loses that."""
+    done = max((iterations_of(path) or 0 for path in folder.checkpoints.glob("*.pth")), default=0)
+    if done > trainer.iteration:
+        logger.warning(
+            f"{folder.checkpoints} holds a checkpoint of iteration {done}, --ckpt is of iteration {trainer.iteration}: "
+            "what comes after it is trained and written again; without --ckpt the run goes on from there"
+        )
 
 
 def warn_of_slow_parts(optim_cfg: Mapping, logger: logging.Logger) -> None:

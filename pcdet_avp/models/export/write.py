@@ -18,7 +18,7 @@ from torch import nn
 from tqdm import tqdm
 
 import pcdet_avp
-from pcdet_avp.deploy.manifest import FORMAT, MANIFEST, sha256
+from pcdet_avp.deploy.manifest import FORMAT, HALVES, MANIFEST, sha256
 from pcdet_avp.deploy.runtime import OnnxRuntime, open_runtime
 from pcdet_avp.errors import ExportError, OutputError
 from pcdet_avp.files import make_folder, write_bytes, write_json
@@ -107,6 +107,7 @@ def _difference(found: np.ndarray, expected: torch.Tensor) -> float:
 @contextmanager
 def _whole(folder: Path) -> Iterator[Path]:
     """A new folder beside ``folder``, which takes its place when the block ends and vanishes where it raises."""
+    folder = Path(os.path.abspath(folder))  # "." has no name
     aside = folder.with_name(f"{folder.name}.partial")
     shutil.rmtree(aside, ignore_errors=True)
     try:
@@ -125,8 +126,18 @@ def _check_free(folder: Path) -> None:
     """OutputError where the folder holds anything but an earlier export, which is replaced."""
     if folder.exists() and not folder.is_dir():
         raise OutputError(f"--out {folder}: expected a folder, found a file")
-    if folder.is_dir() and any(folder.iterdir()) and not (folder / MANIFEST).is_file():
-        raise OutputError(f"--out {folder}: holds something that is no exported network; give another folder")
+    held = (path.relative_to(folder) for path in folder.rglob("*") if not path.is_dir() or path.is_symlink())
+    foreign = next((file for file in held if not (_is_graph(file) or file == Path(MANIFEST))), None)
+    if foreign is None and (folder / MANIFEST).exists() and not any(folder.glob("*/*.onnx")):
+        foreign = MANIFEST  # its name is nothing special
+    if foreign:
+        raise OutputError(
+            f"--out {folder}: holds {foreign}, which is no part of an exported network; give another folder"
+        )
+
+
+def _is_graph(file: Path) -> bool:
+    return str(file.parent) in HALVES and file.suffix == ".onnx"
 
 
 def _check_libraries() -> None:
