@@ -80,6 +80,14 @@ def path(text: str) -> Path:
         raise argparse.ArgumentTypeError(f"{text!r}: {error}") from error
 
 
+def tag(text: str) -> str:
+    """The name of a run's folder, which lies where others of its kind do: ``night``, or ``night/second``."""
+    parts = Path(text).parts
+    if not text.strip() or not parts or ".." in parts or Path(text).is_absolute():
+        raise argparse.ArgumentTypeError(f"expected a name, and no way out of the output folder, found {text!r}")
+    return text
+
+
 def path_text(text: str) -> str:
     """The same as ``path``, as text."""
     return str(path(text))

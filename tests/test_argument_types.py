@@ -20,6 +20,7 @@ from pcdet_avp.errors import ConfigError
         ("non_negative_int", {"0": 0, "2": 2}, ["-1", "0.0", "x"]),
         ("positive_float", {"0.5": 0.5, "1e-3": 0.001}, ["0", "-2", "nan", "inf", "-inf", "x", ""]),
         ("non_negative_float", {"0": 0.0, "2.5": 2.5}, ["-0.1", "nan", "inf"]),
+        ("tag", {"night": "night", "a/b": "a/b"}, ["", " ", ".", "..", "../x", "a/../../x", "/tmp/x"]),
         ("share", {"0": 0.0, "1": 1.0}, ["-0.01", "1.01", "nan"]),
     ],
 )

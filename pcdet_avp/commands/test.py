@@ -8,7 +8,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from pcdet_avp.argument_types import check_together, non_negative_int, path, positive_int
+from pcdet_avp.argument_types import check_together, non_negative_int, path, positive_int, tag
 from pcdet_avp.cli import CKPT_HELP, config_parser, load_arguments_config, run_tool
 from pcdet_avp.datasets.avp.splits import SPLITS, split_name
 from pcdet_avp.deploy.runtime import TORCH
@@ -34,8 +34,8 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--json", type=path, help="write the result to this file as well")
     parser.add_argument("--batch_size", type=positive_int, default=1)
     parser.add_argument("--workers", type=non_negative_int, default=2, help="processes that load data (default: 2)")
-    parser.add_argument("--extra_tag", default="default", help="name of the run (default: default)")
-    parser.add_argument("--eval_tag", help="name of this evaluation (default: default, or wire)")
+    parser.add_argument("--extra_tag", type=tag, default="default", help="name of the run (default: default)")
+    parser.add_argument("--eval_tag", type=tag, help="name of this evaluation (default: default, or wire)")
     parser.add_argument("--eval_all", action="store_true", help="test every checkpoint, curves in TensorBoard")
     parser.add_argument(
         "--start_epoch", type=non_negative_int, metavar="N", help="with --eval_all: only from this epoch on"

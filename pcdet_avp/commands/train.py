@@ -13,7 +13,7 @@ from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 
-from pcdet_avp.argument_types import non_negative_int, path, positive_float, positive_int
+from pcdet_avp.argument_types import non_negative_int, path, positive_float, positive_int, tag
 from pcdet_avp.cli import config_parser, load_arguments_config, run_tool
 from pcdet_avp.config import require
 from pcdet_avp.datasets import has_split
@@ -43,7 +43,7 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--epochs", type=positive_int, help="OPTIMIZATION.NUM_EPOCHS")
     parser.add_argument("--batch_size", type=positive_int, help="of all processes (default: BATCH_SIZE_PER_GPU each)")
     parser.add_argument("--workers", type=non_negative_int, default=2, help="processes that load data (default: 2)")
-    parser.add_argument("--extra_tag", default="default", help="name of this run (default: default)")
+    parser.add_argument("--extra_tag", type=tag, default="default", help="name of this run (default: default)")
     parser.add_argument("--ckpt", type=path, help="go on from this checkpoint instead of the run's newest")
     parser.add_argument(
         "--pretrained_model",
