@@ -13,6 +13,7 @@ from pcdet_avp import shipped
 from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
 from pcdet_avp.closed_loop.perception.factory import PerceptionKind, find_perception
 from pcdet_avp.closed_loop.perception.link_options import LinkOptions, given_link_options
+from pcdet_avp.closed_loop.sweep.journal import SENSORS
 from pcdet_avp.closed_loop.sweep.results import IN_TRAINING_GARAGES, MADE_FROM, PERCEPTIONS
 from pcdet_avp.closed_loop.sweep.sweep import Sweep
 from pcdet_avp.closed_loop.sweep.training_garages import trials_in_training_garages
@@ -68,7 +69,7 @@ def sweep_of(args: argparse.Namespace, loop_file: Path) -> Sweep:
         seed=args.seed,
         perceiver=perceiver,
         closed_loop=closed_loop,
-        identity={perception.name: _identity(perception, cfg, perceiver), **_plan_identity(scenario.name)},
+        identity=_identities(perception, cfg, perceiver) | _plan_identity(scenario.name),
         search=args.search,
     )
 
@@ -123,6 +124,13 @@ def _plan_identity(scenario: str) -> dict[str, Any]:
     """The plan that a scenario plays on, by its content; another one of the same name is another sweep."""
     _, on_plan, plan = scenario.partition(ON_PLAN)
     return {scenario: hashlib.sha256(Path(read_plan(plan).file).read_bytes()).hexdigest()} if on_plan else {}
+
+
+def _identities(perception: PerceptionKind, cfg: dict, perceiver: dict[str, Any]) -> dict[str, Any]:
+    """By name what must agree: what a perception depends on, and the sensors, which all of a folder that have any
+    share: a network's crash that line of sight avoids is the network's fault only with the same ones."""
+    sensors = {SENSORS: perceiver["data_cfg"]} if perception.uses_sensors else {}
+    return {perception.name: _identity(perception, cfg, perceiver)} | sensors
 
 
 def _identity(perception: PerceptionKind, cfg: dict, perceiver: dict[str, Any]) -> dict[str, Any]:

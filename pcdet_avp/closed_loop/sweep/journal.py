@@ -24,6 +24,7 @@ from pcdet_avp.provenance import git_commit
 from pcdet_avp.sim.scenarios.table import file_name, plays_on_plan
 
 JOURNAL, CLAIM = "journal.jsonl", "sweep.json"
+SENSORS = "sensors"  # key of the claim: DATA_CONFIG as perceptions with sensors have it
 COMMITS, UNKNOWN = "git_commits", "unknown"  # key of the claim; a commit that was not kept
 Finished = dict[Case, tuple[EpisodeRow, float]]  # record and wall seconds of every finished episode
 
@@ -121,6 +122,7 @@ def _claim(file: Path, claim: dict[str, Any]) -> None:
     for name in claim:
         if name not in held:
             _refuse_namesake(file, name, held)
+    _refuse_other_sensors(file, claim, held)
     for name, value in claim.items():
         if held.get(name, value) not in (value, {}):  # {}: of a version that did not say what the oracle was built from
             which = f" ({held[name]}, here {value})" if isinstance(value, int) else ""
@@ -128,6 +130,21 @@ def _claim(file: Path, claim: dict[str, Any]) -> None:
                 f"{file}: holds a sweep with another {name}{which}; choose another --out or remove the folder"
             )
     write_json(file, {**held, **claim})
+
+
+def _refuse_other_sensors(file: Path, claim: Mapping[str, Any], held: Mapping[str, Any]) -> None:
+    """RecordError where a perception was driven with other sensors than those of the claim."""
+    # Folders from before there was the key: line of sight says its sensors itself.
+    known = [held[SENSORS]] if SENSORS in held else [each["data_cfg"] for each in held.values() if _has_sensors(each)]
+    if SENSORS in claim and any(each != claim[SENSORS] for each in known):
+        raise RecordError(
+            f"{file}: holds a sweep with other sensors than those of this --cfg (and --set): which of two perceptions "
+            "is at fault can be told only with the same; give that --cfg, or choose another --out"
+        )
+
+
+def _has_sensors(claimed: Any) -> bool:
+    return isinstance(claimed, Mapping) and "SENSORS" in claimed.get("data_cfg", {})
 
 
 def _refuse_namesake(file: Path, name: str, held: Mapping[str, Any]) -> None:

@@ -22,7 +22,7 @@ from pcdet_avp.closed_loop.sweep import journal as journal_module
 from pcdet_avp.closed_loop.sweep import sweep as sweep_module
 from pcdet_avp.closed_loop.sweep.case import run_case
 from pcdet_avp.closed_loop.sweep.episode_row import Case
-from pcdet_avp.closed_loop.sweep.journal import CLAIM, JOURNAL, Journal, open_journal
+from pcdet_avp.closed_loop.sweep.journal import CLAIM, JOURNAL, SENSORS, Journal, open_journal
 from pcdet_avp.closed_loop.sweep.results import read_results
 from pcdet_avp.closed_loop.sweep.summary import EPISODES, SUMMARY, crash_text, summary, write_results
 from pcdet_avp.closed_loop.sweep.sweep import Sweep, run_sweep
@@ -257,6 +257,26 @@ def test_plans_of_one_name_do_not_share_a_folder(tmp_path):
     sweep("t_junction@b/loop.yaml", "los")
     with pytest.raises(RecordError, match=r"a sweep of pedestrian@a/loop\.yaml, whose plan .* pedestrian@b/loop\.yaml"):
         sweep("pedestrian@b/loop.yaml", "los")
+
+
+def test_line_of_sight_through_other_sensors_does_not_join_a_network_s_sweep(tmp_path):
+    """It would say whose fault a crash is by pixels and points that the network never had."""
+    small, full = ({"SENSORS": {"EGO": {"LIDAR": {"COLUMNS": columns}}}} for columns in (1500, 6000))
+    network, los = {"model": {"weights": "a"}}, lambda seen: {"los": {"data_cfg": seen}}
+
+    def sweep(folder, claim):
+        with open_journal(tmp_path / folder, {"seed": 0, **claim}):
+            pass
+
+    sweep("new", {**network, SENSORS: small})
+    sweep("new", {"oracle": {"data_cfg": {"POINT_CLOUD_RANGE": [0]}}})
+    sweep("new", {**los(small), SENSORS: small})
+    with pytest.raises(RecordError, match="holds a sweep with other sensors than those of this --cfg"):
+        sweep("new", {**los(full), SENSORS: full})
+    sweep("old", los(full))  # as folders were before
+    with pytest.raises(RecordError, match="other sensors"):
+        sweep("old", {**network, SENSORS: small})
+    sweep("old", {**network, SENSORS: full})
 
 
 def test_two_sweeps_at_once_in_a_folder_are_refused(tmp_path):
