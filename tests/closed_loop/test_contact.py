@@ -132,6 +132,17 @@ def test_first_contact_agrees_with_shapely_for_a_turning_car(seed):
         assert np.interp(contact.time_s, fine, apart) < swing
 
 
+def test_who_turns_on_the_spot_meets_the_post_beside_it():
+    """At the turn a its near side passes the post, 1.8 m aside, where 1.8 cos(a) is half the width. A check that moves
+    places only sees nothing (findings/fcl_continuous_turn.sh)."""
+    times = np.arange(0, 1.0005, 0.005)
+    ego, post = (np.tile(start, (len(times), 1)) for start in (EGO, [0.0, 1.8, 0.75, 1e-6, 1e-6, 1.5, 0.0]))
+    ego[:, 6] = np.pi / 2 * times
+    contact = first_contact(times, ego, post)
+    assert contact.time_s == pytest.approx(np.arccos(0.95 / 1.8) / (np.pi / 2), abs=0.005)
+    assert not contact.front
+
+
 def test_time_to_collision_by_hand():
     """7.4125 m between bumper and pedestrian at 10 m/s; never when it moves away or passes aside; 0 in contact."""
     others = np.array([pedestrian(10, 0), pedestrian(10, 0), pedestrian(10, 3), pedestrian(1, 0)])

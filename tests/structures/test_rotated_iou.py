@@ -82,6 +82,20 @@ def test_boxes_above_each_other_share_a_footprint_and_no_volume():
     assert iou_3d(box(z=0.0), box(z=0.75))[0, 0] == pytest.approx(1 / 3)
 
 
+def test_cars_in_line_share_the_same_at_any_heading():
+    """Sides that lie along each other leave nothing but rounding to divide by (findings/bbox_iou_3d.sh)."""
+    for heading in np.radians(np.arange(360.0)):
+        for ahead in (0.5, 1.0):
+            other = box(x=ahead * np.cos(heading), y=ahead * np.sin(heading), heading=heading)
+            assert bev_iou(box(heading=heading), other)[0, 0] == pytest.approx((4 - ahead) / (4 + ahead), abs=1e-9)
+
+
+def test_heights_are_shared_about_the_middles():
+    """0 to 1.5 m and 0.5 to 1.5 m; a bus of 4 m and a car on the deck at 2.8 m."""
+    assert iou_3d(box(z=0.75), box(z=1.0, dz=1.0))[0, 0] == pytest.approx(1.0 / 1.5)
+    assert iou_3d(box(z=2.0, dz=4.0), box(z=3.55))[0, 0] == pytest.approx(1.2 / 4.3)
+
+
 @given(seeds, st.floats(1e-3, 1e3))
 def test_a_box_overlaps_itself_entirely_at_any_size(seed, scale):
     boxes = random_boxes(np.random.default_rng(seed), 5)
