@@ -34,24 +34,32 @@ def _free_port():
 
 
 def _in_two_processes(work, *arguments, launcher="pytorch"):
-    """Run ``work(ranks, *arguments)`` as torchrun would, in forks; what each rank returned."""
+    """Run ``work(ranks, *arguments)`` as torchrun would, in forks; what each rank returned.
+
+    A rank that ends without an answer fails the test: waiting for it would never end.
+    """
     context, port = multiprocessing.get_context("fork"), _free_port()
-    queue = context.SimpleQueue()
-    processes = [context.Process(target=_rank, args=(work, r, port, queue, arguments, launcher)) for r in range(2)]
+    pipes = [context.Pipe(duplex=False) for _ in range(2)]
+    processes = [
+        context.Process(target=_rank, args=(work, rank, port, answer, arguments, launcher))
+        for rank, (_, answer) in enumerate(pipes)
+    ]
     for process in processes:
         process.start()
-    results = dict(queue.get() for _ in processes)
+    for _, answer in pipes:
+        answer.close()  # the ranks' ends alone are left, so that a dead rank's pipe is at its end
+    results = [given.recv() for given, _ in pipes]
     for process in processes:
         process.join(60)
         assert process.exitcode == 0
-    return [results[0], results[1]]
+    return results
 
 
-def _rank(work, rank, port, queue, arguments, launcher):
+def _rank(work, rank, port, answer, arguments, launcher):
     torch.set_num_threads(1)
     place = {"RANK": rank, "LOCAL_RANK": rank, "WORLD_SIZE": 2, "MASTER_ADDR": "127.0.0.1", "MASTER_PORT": port}
     os.environ.update({key: str(value) for key, value in place.items()})
     ranks = distributed.start(launcher, "cpu")
-    queue.put((rank, work(ranks, *arguments)))
+    answer.send(work(ranks, *arguments))
     distributed.stop()
     sys.exit(0)

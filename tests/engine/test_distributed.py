@@ -89,6 +89,7 @@ def launched(monkeypatch):
 
 
 def _world(ranks):
+    ranks.wait()  # a rank that ended now would cut off one that still connects
     return ranks.world, ranks.rank
 
 
