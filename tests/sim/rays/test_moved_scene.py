@@ -43,6 +43,9 @@ def test_what_blocks_and_who_may_be_met_agree_with_the_hits(rays):
     moved = MovedScene(TriangleScene([(car_mesh(EGO_SPEC), 0)]), POSE, 7)
     tracer, (face, _) = RayTracer([moved]), answers(moved, rays)
     assert (tracer.occluded(EYE, rays) == (face >= 0)).mean() > 0.9999
+    far = np.full(len(rays), 1e6, np.float32)
+    passing = moved.passing(np.broadcast_to(EYE, rays.shape), rays, far, face < 0)
+    assert set(passing) == set(np.flatnonzero(face >= 0))  # of those that meet it, none is left out
     near = moved.candidates(EYE, rays)
     assert set(np.flatnonzero(face >= 0)) <= set(near)
     assert len(near) < len(rays)
