@@ -29,7 +29,7 @@ folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 cd "$folder"
 # @math.gl/types is missing among the dependencies that @loaders.gl/schema-utils 4.4.2 declares.
-npm install --silent --no-audit --no-fund @loaders.gl/core@4.4.2 @loaders.gl/pcd@4.4.2 @math.gl/types@4.1.0 three@0.187.0
+npm install three@0.187.0 @loaders.gl/core@4.4.2 @loaders.gl/pcd@4.4.2 @math.gl/types@4.1.0 --silent --no-audit --no-fund
 cat >look.mjs <<'JAVASCRIPT'
 import { parseSync } from "@loaders.gl/core";
 import { PCDLoader } from "@loaders.gl/pcd";
