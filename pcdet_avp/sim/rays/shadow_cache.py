@@ -1,4 +1,4 @@
-"""Cache of shadow-ray results of a fixed camera in the static scene."""
+"""What a fixed camera remembers of the static scene: its shadow rays' results, and the surfaces it sees."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numba
 import numpy as np
 
 Ask = Callable[[np.ndarray, np.ndarray], np.ndarray]
+Arrays = tuple[np.ndarray, ...]
 
 
 class StandingShadows:
@@ -16,6 +17,13 @@ class StandingShadows:
     def __init__(self, slots: int) -> None:
         self._rays = np.full((slots, 6), np.nan, np.float32)  # origin and direction; NaN equals nothing
         self._blocked = np.zeros(slots, bool)
+        self._surfaces: tuple | None = None
+
+    def surfaces(self, lamps: object, rays: np.ndarray, make: Callable[[], Arrays]) -> Arrays:
+        """What ``make`` made when the same lamps, the very object, and equal rays (R, 3) came first."""
+        if self._surfaces is None or self._surfaces[0] is not lamps or not np.array_equal(self._surfaces[1], rays):
+            self._surfaces = lamps, rays.copy(), make()
+        return self._surfaces[2]
 
     def blocked(self, slots: np.ndarray, origins: np.ndarray, directions: np.ndarray, ask: Ask) -> np.ndarray:
         """Mask (R,) of rays (R, 3) in different slots (R,); ``ask`` is put those that are not as they were."""

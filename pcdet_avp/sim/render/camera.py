@@ -16,7 +16,7 @@ from pcdet_avp.structures.camera import PinholeCamera
 from pcdet_avp.structures.pose import Pose
 
 MID_GREY = 0.18
-BAND_ROWS = 64  # even: the shading's pattern spans two rows
+BAND_ROWS = 32  # even: the shading's pattern spans two rows
 MARGIN_ROWS = 8  # above the first row that counts: a multiple of the 8 rows after which all patterns repeat
 HEADLAMP_POWER = 3.0  # of a pair of head lamps, in floor lights at 5 m
 
@@ -79,33 +79,41 @@ def _fill_rays(m, width, rays):
 def _radiance(tracer, shape, eye, rays, hits, lighting) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Radiance (R, 3), depth (R,) and instance (R,) of an image of ``shape``, rows and columns.
 
-    Bands of rows share the memory of the shadow rays.
+    Bands of rows share the memory of the shadow rays. A camera that stands still looks at a surface once.
     """
     count, band, lamps = len(rays), BAND_ROWS * shape[1], lighting.shadow_lamps
     memory = tracer.shadows(eye, count * (lamps + 1))  # the last ``count`` slots are ambient_visibility's
     visibility = ambient_visibility(tracer, shape, eye, rays, hits, lighting.ambient_occlusion, memory)
     seen = np.empty((count, 3), np.float32), np.empty(count, np.float32), np.empty(count, np.int32)
-    scene = _scene_tables(tracer, lighting)
-    shadows = _shadow_buffers(band * lamps)
+    faces, light = _face_tables(tracer), _light(lighting)
+    beams = _beams(lighting.headlamps), np.float32(HEADLAMP_POWER * 25.0) * light[-1]
+    surfaces = None
+    if memory is not None:
+        surfaces = memory.surfaces(lighting.field, rays, lambda: shading.surface_room(count, lamps))
+    room, shadows = shading.surface_room(band, lamps) if surfaces is None else None, _shadow_buffers(band * lamps)
     for start in range(0, count, band):
         part = slice(start, start + band)
-        columns = tuple(a[part] for a in (rays, hits.distance, hits.face, hits.u, hits.v, visibility))
-        out = tuple(a[part] for a in seen)
-        found = shading.shade(eye, shape[1], columns, *scene, lamps, out, shadows)
+        ray, *hit, visible = (a[part] for a in (rays, hits.distance, hits.face, hits.u, hits.v, visibility))
+        here = tuple(a[: len(ray)] for a in room) if surfaces is None else tuple(a[part] for a in surfaces)
+        standing = 0 if surfaces is None else len(tracer.scenes[0])
+        shading.look_at_surfaces(eye, (ray, *hit), faces[1:], light, standing, here)
+        columns, out = (*hit[:2], visible), tuple(a[part] for a in seen)
+        found = shading.shade(shape[1], columns, faces[:3], light, *beams, lamps, here, out, shadows)
         origins, directions, pixel, arriving = (a[:found] for a in shadows)
         blocked = tracer.shadowed(origins, directions, memory, ray_slots(pixel, lamps, start * lamps))
         shading.add_unblocked(out[0], pixel, arriving, blocked)
     return seen
 
 
-def _scene_tables(tracer: RayTracer, lighting: Lighting) -> tuple:
-    """What the shading looks up: tables by face, the light field, head-lamp beams and their power."""
+def _face_tables(tracer: RayTracer) -> tuple[np.ndarray, ...]:
+    """What the shading looks up by face."""
+    return tracer.instance, tracer.materials, tracer.colors, tracer.normals
+
+
+def _light(lighting: Lighting) -> tuple:
+    """What it looks up by place, last the unit of light."""
     field = lighting.field
-    faces = (tracer.instance, tracer.colors, tracer.materials, tracer.normals)
-    unit = np.float32(field.floor_light)
-    light = (field.origin, field.lamps, field.smooth, field.tint, np.float32(field.height), unit)
-    power = np.float32(HEADLAMP_POWER * 25.0) * unit
-    return faces, light, _beams(lighting.headlamps), power
+    return field.origin, field.lamps, field.smooth, field.tint, np.float32(field.height), np.float32(field.floor_light)
 
 
 def _shadow_buffers(slots: int) -> tuple[np.ndarray, ...]:

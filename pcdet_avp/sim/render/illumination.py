@@ -79,21 +79,14 @@ def beam_light(beams, k, px, py, pz, nx, ny, nz):
 
 
 @numba.njit(inline="always")
-def direct_light(lamps, beams, beam_power, i, j, px, py, pz, nx, ny, nz, values):
-    """Fill ``values`` with the irradiance from each lamp of cell i, j, then from each beam; return their sum.
-
-    What faces down sees no lamp.
-    """
+def lamps_light(lamps, i, j, px, py, pz, nx, ny, nz, values):
+    """Fill ``values`` with the irradiance from each lamp of cell i, j; return their sum. What faces down sees none."""
     total, lit = ZERO, LAMPS_PER_CELL if nz > FACES_DOWN else 0
     for k in range(LAMPS_PER_CELL):
         values[k] = ZERO
         if k < lit and lamps[i, j, k, 3] > ZERO:
             values[k] = lamp_light(lamps, i, j, k, px, py, pz, nx, ny, nz)
             total += values[k]
-    for k in range(len(beams)):
-        value = beam_light(beams, k, px, py, pz, nx, ny, nz) * beam_power
-        values[LAMPS_PER_CELL + k] = value
-        total += value
     return total
 
 

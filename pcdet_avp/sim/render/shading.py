@@ -21,8 +21,9 @@ from pcdet_avp.sim.render.illumination import (
     TWO,
     ZERO,
     F,
+    beam_light,
     cell,
-    direct_light,
+    lamps_light,
     lit_by_owner,
     mirrored,
     smooth_light,
@@ -92,22 +93,84 @@ def _coat(coat, rough, origin, lamps, smooth, ceiling, px, py, pz, nx, ny, nz, d
     return share * rough * mirrored(origin, lamps, smooth, ceiling, px, py, pz, rx, ry, rz, COATS[coat, 2])
 
 
+def surface_room(pixels: int, kept: int) -> tuple[np.ndarray, ...]:
+    """Room for what of a pixel's light does not depend on who drives by, and which face it is of (R,), -1: of none.
+
+    Then, by pixel: position, normal and albedo (R, 3) each; light from all around, the coat's mirror and the sum of
+    the lamps' light (R, 3); the ``kept`` strongest lamps' light, falling, and their numbers (R, kept).
+    """
+    widths = (3, 3, 3, 3, max(kept, 1))
+    numbers = np.empty((pixels, widths[-1]), np.int8)
+    return np.full(pixels, -1, np.int32), *(np.empty((pixels, width), np.float32) for width in widths), numbers
+
+
 @numba.njit(cache=True, fastmath=True, nogil=True)
-def shade(eye, width, columns, tables, light, beams, beam_power, kept, seen, shadows, sources=SOURCES):
+def look_at_surfaces(eye, columns, tables, light, standing_faces, surfaces, sources=SOURCES):
+    """Fill ``surfaces`` (see ``surface_room``) where they are not yet of the faces that the pixels show.
+
+    A face is kept for the next picture from the same place where its number is below ``standing_faces``. The other
+    arguments as in ``shade``.
+    """
+    rays, distance, face, bu, bv = columns
+    materials, colors, normals = tables
+    origin, lamps, smooth, _, ceiling, _ = light
+    known, positions, facing, albedos, lights, brightest, numbers = surfaces
+    values = np.zeros(LAMPS_PER_CELL, np.float32)
+    for i in range(len(face)):
+        f = face[i]
+        if f < 0 or known[i] == f:
+            continue
+        known[i] = f if f < standing_faces else -1
+        material, coat, rough = materials[f], COAT_OF[materials[f]], ONE
+        if material == LAMP:
+            continue
+        ar, ag, ab = colors[f, 0], colors[f, 1], colors[f, 2]
+        t = distance[i]
+        dx, dy, dz = rays[i, 0], rays[i, 1], rays[i, 2]
+        px, py, pz = eye[0] + t * dx, eye[1] + t * dy, eye[2] + t * dz
+        length = np.sqrt(dx * dx + dy * dy + dz * dz)
+        dx, dy, dz = dx / length, dy / length, dz / length
+        if material == FLOOR or material == CONCRETE:  # noqa: SIM109 (numba is slower with a tuple)
+            nx, ny, nz = normals[f, 0, 0], normals[f, 0, 1], normals[f, 0, 2]
+            rough = _pattern(material, px, py, pz, nx, nz, t * length)
+            ar, ag, ab = ar * rough, ag * rough, ab * rough
+        else:
+            nx, ny, nz = _corner_normal(normals, f, bu[i], bv[i], dx, dy, dz)
+        positions[i, 0], positions[i, 1], positions[i, 2] = px, py, pz
+        facing[i, 0], facing[i, 1], facing[i, 2] = nx, ny, nz
+        albedos[i, 0], albedos[i, 1], albedos[i, 2] = ar, ag, ab
+        # Light from all around, less from below, and from far lamps.
+        around, vx, vy, vz = smooth_light(px, py, origin, smooth)
+        lights[i, 0] = around * (F(0.75) + F(0.25) * nz) + max(nx * vx + ny * vy + nz * vz, ZERO)
+        lights[i, 1] = ZERO
+        if coat >= 0:
+            lights[i, 1] = _coat(
+                coat, rough, origin, lamps, smooth, ceiling, px, py, pz, nx, ny, nz, dx, dy, dz
+            )  # fmt: skip
+        ci, cj = cell(px, py, origin, lamps.shape[0], lamps.shape[1])
+        lights[i, 2] = lamps_light(lamps, ci, cj, px, py, pz, nx, ny, nz, values)
+        for k in range(brightest.shape[1]):
+            j = strongest(values) if lights[i, 2] > ZERO else 0
+            brightest[i, k], numbers[i, k], values[j] = values[j], j, ZERO
+
+
+@numba.njit(cache=True, fastmath=True, nogil=True)
+def shade(width, columns, tables, light, beams, beam_power, kept, surfaces, seen, shadows, sources=SOURCES):
     """Fill radiance, depth and instance of a band of pixels; list its shadow rays. Returns their number.
 
-    eye (3,). width: pixels in a row. columns, by pixel: ray (R, 3), distance, face, u, v (R,) of its
-    hit, and ambient visibility (R,). tables, by face: instance, colors, materials, normals. light: origin, lamps,
-    smooth, tint and height of a ``LightField``, and its unit. seen: radiance (R, 3), depth (R,), instance (R,).
+    width: pixels in a row. columns, by pixel: distance and face (R,) of its ray's hit, and ambient visibility (R,).
+    tables, by face: instance, materials, colors. light: origin, lamps, smooth, tint and height of a ``LightField``,
+    and its unit. surfaces: what ``look_at_surfaces`` fills. seen: radiance (R, 3), depth (R,), instance (R,).
     shadows, by shadow ray: origin (S, 3), direction (S, 3) that ends at the lamp, pixel (S,), and light (S, 3) that
     leaves the pixel if nothing is in between. sources: see ``kernel_cache``.
     """
-    rays, distance, face, bu, bv, visibility = columns
-    instance_of, colors, materials, normals = tables
-    origin, lamps, smooth, tint, ceiling, unit = light
+    distance, face, visibility = columns
+    instance_of, materials, colors = tables
+    origin, lamps, _, tint, _, unit = light
+    _, positions, facing, albedos, lights, brightest, numbers = surfaces
     radiance, depth, instance = seen
     ray_origin, ray_direction, ray_pixel, ray_light = shadows
-    values = np.zeros(LAMPS_PER_CELL + len(beams), np.float32)
+    of_beams = np.zeros(len(beams), np.float32)
     chosen, strength = np.zeros(max(kept, 1), np.int64), np.zeros(max(kept, 1), np.float32)
     white, halogen = len(tint) - 2, len(tint) - 1
     count = 0
@@ -119,36 +182,37 @@ def shade(eye, width, columns, tables, light, beams, beam_power, kept, seen, sha
             continue
         t, instance[i] = distance[i], instance_of[f]
         depth[i] = t if t <= FAR else ZERO
-        material, coat, rough = materials[f], COAT_OF[materials[f]], ONE
-        ar, ag, ab = colors[f, 0], colors[f, 1], colors[f, 2]
+        material = materials[f]
         if material == LAMP:
-            radiance[i, 0], radiance[i, 1], radiance[i, 2] = ar * LAMP_RADIANCE, ag * LAMP_RADIANCE, ab * LAMP_RADIANCE
+            for c in range(3):
+                radiance[i, c] = colors[f, c] * LAMP_RADIANCE
             continue
-        dx, dy, dz = rays[i, 0], rays[i, 1], rays[i, 2]
-        px, py, pz = eye[0] + t * dx, eye[1] + t * dy, eye[2] + t * dz
-        length = np.sqrt(dx * dx + dy * dy + dz * dz)
-        dx, dy, dz = dx / length, dy / length, dz / length
-        if material == FLOOR or material == CONCRETE:  # noqa: SIM109 (numba is slower with a tuple)
-            nx, ny, nz = normals[f, 0, 0], normals[f, 0, 1], normals[f, 0, 2]
-            rough = _pattern(material, px, py, pz, nx, nz, t * length)
-            ar, ag, ab = ar * rough, ag * rough, ab * rough
-        else:
-            nx, ny, nz = _corner_normal(normals, f, bu[i], bv[i], dx, dy, dz)
-        # Light from all around, less from below, and from far lamps.
-        around, vx, vy, vz = smooth_light(px, py, origin, smooth)
-        free = visibility[i] * (around * (F(0.75) + F(0.25) * nz) + max(nx * vx + ny * vy + nz * vz, ZERO))
+        px, py, pz = positions[i, 0], positions[i, 1], positions[i, 2]
+        nx, ny, nz = facing[i, 0], facing[i, 1], facing[i, 2]
+        ar, ag, ab = albedos[i, 0], albedos[i, 1], albedos[i, 2]
+        free, mirror = visibility[i] * lights[i, 0], visibility[i] * lights[i, 1]
         # Direct light: the strongest lights become shadow rays; a share of the others goes with them.
-        ci, cj = cell(px, py, origin, lamps.shape[0], lamps.shape[1])
-        rest = direct_light(lamps, beams, beam_power, ci, cj, px, py, pz, nx, ny, nz, values)
+        rest, lamp = lights[i, 2], 0
+        for m in range(len(beams)):
+            of_beams[m] = beam_light(beams, m, px, py, pz, nx, ny, nz) * beam_power
+            rest += of_beams[m]
         least, listed, rays_here = FAINT * rest, ZERO, 0
         while rays_here < kept and rest > ZERO:
-            j = strongest(values)
-            if values[j] <= least:
+            value, j = brightest[i, lamp], int(numbers[i, lamp])
+            for m in range(len(beams)):
+                if of_beams[m] > value:
+                    value, j = of_beams[m], LAMPS_PER_CELL + m
+            if value <= least:
                 break
-            chosen[rays_here], strength[rays_here] = j, values[j]
-            listed, rest, values[j] = listed + values[j], rest - values[j], ZERO
+            chosen[rays_here], strength[rays_here] = j, value
+            listed, rest = listed + value, rest - value
             rays_here += 1
+            if j < LAMPS_PER_CELL:
+                lamp += 1
+            else:
+                of_beams[j - LAMPS_PER_CELL] = ZERO
         free += max(rest, ZERO) * (UNSHADOWED_SHARE * visibility[i] if kept > 0 else ONE)
+        ci, cj = cell(px, py, origin, lamps.shape[0], lamps.shape[1])
         for k in range(rays_here):
             value = strength[k] * (ONE + max(rest, ZERO) * (ONE - UNSHADOWED_SHARE) / listed)
             j, m, dither = chosen[k], chosen[k] - LAMPS_PER_CELL, _dither(i, width)
@@ -168,11 +232,6 @@ def shade(eye, width, columns, tables, light, beams, beam_power, kept, seen, sha
             ray_light[count, 0], ray_light[count, 1], ray_light[count, 2] = ar * lr, ag * lg, ab * lb
             ray_pixel[count] = i
             count += 1
-        mirror = ZERO
-        if coat >= 0:
-            mirror = visibility[i] * _coat(
-                coat, rough, origin, lamps, smooth, ceiling, px, py, pz, nx, ny, nz, dx, dy, dz
-            )  # fmt: skip
         glow = ZERO
         if (material == HEAD_LAMP or material == TAIL_LAMP) and lit_by_owner(beams, px, py):  # noqa: SIM109
             glow = unit * (HEAD_GLOW if material == HEAD_LAMP else TAIL_GLOW)

@@ -238,3 +238,30 @@ def test_rows_that_nobody_reads_stay_dark_and_change_no_other(first_row):
     dark = max(0, first_row - 16)
     assert (whole.depth[:dark] > 0).all()
     assert not part.depth[:dark].any()
+
+
+def test_a_camera_that_stands_still_takes_the_pictures_of_one_that_just_came():
+    """It remembers the surfaces it saw: of this place and direction, under these lamps, and only where nobody drives
+    by. Each picture is taken twice, since what came once is not remembered yet."""
+    standing = [floor(), (box_mesh((2, 2, 1.8), (11, 3, 0.9), GREY, Material.PAINT), 5)]
+    kept, mesh = TriangleScene(standing), car_mesh(CarSpec("sedan", 4.8, 1.9, 1.5, (0.1, 0.1, 0.1)))
+    turned = PinholeCamera.looking_ahead(480, 270, np.pi / 2, 0.0, 1.8, 0.2)  # at the same place
+    fewer = replace(NOISELESS, lamps=LAMPS[1:])
+    beams = (headlamps_of(Pose.from_xyz_yaw(2.0, -2.0), 4.5),)
+    nobody, here, there = None, Pose.from_xyz_yaw(9.0, -1.0, yaw=1.0), Pose.from_xyz_yaw(12.0, 2.0)
+    situations = [
+        (CAMERA, NOISELESS, nobody),
+        (CAMERA, NOISELESS, here),
+        (CAMERA, replace(NOISELESS, headlamps=beams), there),
+        (turned, NOISELESS, there),
+        (turned, fewer, nobody),
+        (CAMERA, NOISELESS, nobody),
+    ]
+    for camera, lighting, pose in [s for situation in situations for s in (situation, situation)]:
+        moving = [TriangleScene([(mesh.transformed(pose), 7)])] if pose else []
+        shots = [
+            render(RayTracer([scene, *moving]), camera, HERE, lighting, np.random.default_rng(0))
+            for scene in (kept, TriangleScene(standing))
+        ]
+        for name in ("image", "depth", "instance"):
+            np.testing.assert_array_equal(*(getattr(shot, name) for shot in shots), err_msg=f"{name} {pose}")
