@@ -106,7 +106,7 @@ class Side:
         command += ["--keep-frames", str(frames), "--threads", str(args.threads), "--batch", str(args.batch)]
         command += ["--precision", args.precision if name == "new" else "float32"]
         command += ["--amp"] * args.amp + ["--train", str(args.train)] * bool(args.train)
-        environment = {**os.environ, "PYTHONPATH": str(root), "OMP_WAIT_POLICY": "PASSIVE"}
+        environment = {**os.environ, "PYTHONPATH": str(root), "OMP_WAIT_POLICY": "PASSIVE", "GOMP_SPINCOUNT": "20000"}
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=root, env=environment
         )
@@ -313,8 +313,10 @@ class Worker:
         with self._computing():
             batch = self._batch(frame, (True, True, False, False))
             received = self._receive(packets, frame)
-            found = self.network.fuse_and_detect({**self.network.encode_vehicle(batch), **received})
-            return self.network.post_processing(found)[0][0]
+            maps = {**self.network.encode_vehicle({**batch, **received}), **received}
+            if hasattr(self.network, "detect"):
+                return self.network.detect(maps)[0]
+            return self.network.post_processing(self.network.fuse_and_detect(maps))[0][0]
 
     def _pack(self, latents: dict, frame) -> dict[str, list[bytes]]:
         from pcdet_avp.link import MapStamp
@@ -346,6 +348,8 @@ class Worker:
             batch = self._timed("vehicle: prepare", self._batch, frame, (True, True, False, False))
             received = self._timed("vehicle: receive", self._receive, packets, frame)
             batch = {**batch, **received, "bev_maps": {}, "bev_valid": {}}
+            if hasattr(net, "detect"):
+                batch["min_scores"] = net.post_processing.min_scores
             for source in ("ego_camera", "ego_lidar"):
                 batch = self._timed(f"vehicle: encode {source}", net.encoder_of(source), batch, source)
             for name, stage in self._fusing():

@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
-import torch
 
 from pcdet_avp.closed_loop.perception.network import DrivingNetwork, named
 from pcdet_avp.datasets.avp.collate import collate, load_batch
@@ -53,16 +52,16 @@ class Onboard:
 
         ``world_from_ego`` is where the vehicle believes to be: with each map's own pose it places that map.
         """
+        sample, maps = self._sample(frame, camera, lidar), held.values()
         if self._driving.deployed is not None:
-            found = self._half.detect(self._sample(frame, camera, lidar), world_from_ego, held.values())
-            return named(frame.frame_id, found, self._driving.input.class_names)
-        batch_dict = self.run(frame, camera, lidar, world_from_ego, held)
-        with torch.inference_mode():
-            found, _ = self._driving.network.post_processing(batch_dict)
-        return named(frame.frame_id, found[0], self._driving.input.class_names)
+            found = self._half.detect(sample, world_from_ego, maps)
+        else:
+            with self._driving.computing():
+                found = self._half.detect(load_batch(collate([sample]), self._driving.device), world_from_ego, maps)
+        return named(frame.frame_id, found, self._driving.input.class_names)
 
     def run(self, frame: Frame, camera: bool, lidar: bool, world_from_ego: Pose, held: Maps) -> dict:
-        """The head's boxes and logits (see ``AnchorHeadSingle``) that ``detect`` filters; in torch only."""
+        """The head's boxes and logits (see ``AnchorHeadSingle``), of which ``detect`` keeps few; in torch only."""
         batch_dict = load_batch(collate([self._sample(frame, camera, lidar)]), self._driving.device)
         with self._driving.computing():
             return self._half.run(batch_dict, world_from_ego, held.values())

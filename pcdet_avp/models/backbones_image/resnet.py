@@ -11,6 +11,7 @@ from pcdet_avp.errors import ConfigError
 from pcdet_avp.models.memory_layout import for_convolutions
 from pcdet_avp.models.norm import make_norm, norm_relu
 from pcdet_avp.models.pointwise import PointwiseConv2d
+from pcdet_avp.models.side_by_side import take_all_cores
 
 # Blocks per stage and kind of block, by the depth of the published networks.
 DEPTHS = {18: ((2, 2, 2, 2), "basic"), 34: ((3, 4, 6, 3), "basic"), 50: ((3, 4, 6, 3), "bottleneck")}
@@ -50,6 +51,8 @@ class ResNet(nn.Module):
         """The stages' maps of what the stem made."""
         stages = []
         for i in range(self.num_stages):
+            if i == 2:  # about as long as the same frame's point cloud takes beside it
+                take_all_cores()
             x = getattr(self, f"layer{i + 1}")(x)
             stages.append(x)
         return stages

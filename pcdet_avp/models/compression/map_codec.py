@@ -73,8 +73,8 @@ class MapCodec(nn.Module):
 
         The paper upsamples and then restores the channels; the other order gives the same and costs a quarter.
         """
-        if usable_in_training(latent, self.restore.weight):  # channels last, as the stages behind it read
-            latent = latent.contiguous(memory_format=torch.channels_last)
+        latent = latent.contiguous(memory_format=torch.channels_last)  # as the stages behind it read
+        if usable_in_training(latent, self.restore.weight):
             return _Repeat.apply(pointwise(latent, self.restore.weight, None), self.pooling)
         return F.interpolate(self.restore(latent), scale_factor=self.pooling, mode="nearest")
 

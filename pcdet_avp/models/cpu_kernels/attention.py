@@ -14,6 +14,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from pcdet_avp.models.cpu_kernels.dispatch import OPTIONS, array_of, as_map, cells_last
+from pcdet_avp.models.side_by_side import in_bands
 
 
 def attend(attention: nn.Module, x: Tensor, present: Tensor) -> Tensor:
@@ -128,14 +129,32 @@ def softmax_rows(scores):
                 scores[i, m, k] /= total
 
 
-@numba.njit(**OPTIONS)
-def sample_rows(table, row_of, query_of, offsets, shares, stride, head):
+def sample_rows(table, row_of, query_of, offsets, shares, stride, head) -> tuple[np.ndarray, np.ndarray]:
     """Weighted sums of bilinear samples, zero outside the map and in empty cells.
 
     table (n, M * d) values of the rows; row_of (H, W), query_of (h, w) as above; offsets (q + 1, M, K, 2),
     shares (q + 1, M, K); ``head`` is a tuple of d zeros: its length is known when this is compiled.
     Returns the sums (a, M * d) of the queries that saw anything, and their number for every query (h, w), or -1.
     """
+    of_bands: list[tuple[int, np.ndarray, np.ndarray]] = []
+
+    def sample(begin: int, end: int) -> None:
+        found = _sample_some(table, row_of, query_of[begin:end], offsets, shares, stride, head, begin)
+        of_bands.append((begin, *found))
+
+    in_bands(sample, len(query_of))
+    if len(of_bands) == 1:
+        return of_bands[0][1:]
+    before = 0
+    for _, seen, answer_of in sorted(of_bands, key=lambda band: band[0]):
+        answer_of[answer_of >= 0] += before
+        before += len(seen)
+    return tuple(np.concatenate(parts) for parts in list(zip(*sorted(of_bands, key=lambda b: b[0]), strict=True))[1:])
+
+
+@numba.njit(**OPTIONS)
+def _sample_some(table, row_of, query_of, offsets, shares, stride, head, first):
+    """``sample_rows`` of some rows of queries, ``first`` the number of the first."""
     height, width = row_of.shape
     heads, points, d = offsets.shape[1], offsets.shape[2], len(head)
     answer_of = np.full(query_of.shape, -1, np.int32)
@@ -153,7 +172,7 @@ def sample_rows(table, row_of, query_of, offsets, shares, stride, head):
             for m in range(heads):
                 for k in range(points):
                     x = np.float32(j * stride) + centre + offsets[query, m, k, 0]
-                    y = np.float32(i * stride) + centre + offsets[query, m, k, 1]
+                    y = np.float32((first + i) * stride) + centre + offsets[query, m, k, 1]
                     if not (x > -1 and y > -1 and x < width and y < height):
                         continue
                     left, top = int(np.floor(x)), int(np.floor(y))

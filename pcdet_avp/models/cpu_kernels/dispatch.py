@@ -33,6 +33,13 @@ def usable_in_bf16(*tensors: Tensor) -> bool:
     return in_bf16 and not torch.is_grad_enabled() and _ordinary(tensors, (torch.bfloat16, torch.float32))
 
 
+def readable(*tensors: Tensor) -> bool:
+    """As ``usable``, for a kernel that reads bf16 and float32, where no automatic precision is active any more."""
+    return not (torch.is_grad_enabled() or torch.is_autocast_enabled("cpu")) and _ordinary(
+        tensors, (torch.bfloat16, torch.float32)
+    )
+
+
 def _fit(tensors: tuple[Tensor, ...]) -> bool:
     """Whether they are ordinary tensors on a CPU, in float32, without automatic precision."""
     return not torch.is_autocast_enabled("cpu") and _ordinary(tensors, (torch.float32,))

@@ -12,6 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from pcdet_avp.models.cpu_kernels.dispatch import OPTIONS, array_of, as_map, cells_last
+from pcdet_avp.models.side_by_side import in_bands
 
 EPS = np.float32(1e-6)  # the least sum of weights that is divided by
 
@@ -68,22 +69,51 @@ def shares_of_two(W: np.ndarray, original_form: bool) -> np.ndarray:
     return W / max(total, EPS) if total > 0 else np.full(2, 0.5, np.float32)
 
 
-@numba.njit(**OPTIONS)
-def pool(maps, masks):
+def pool(maps: tuple, masks: tuple) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Over the present maps of each cell their maximum and mean, with a cell of zeros around the map and a channel of
     zeros before and behind (2, H + 2, W + 2, C + 2); and the maximum and mean of every map (n,)."""
     height, width, channels = maps[0].shape
     padded = np.zeros((2, height + 2, width + 2, channels + 2), np.float32)
-    tops = np.full((len(maps), channels), -np.inf, np.float32)
-    sums, counts = np.zeros((len(maps), channels)), np.zeros(len(maps), np.int64)
-    row_sums = np.empty((len(maps), channels), np.float32)
-    for i in range(height):
-        row_sums[:] = 0
-        for j in range(width):
+    of_rows = _row_statistics(height, len(maps), channels)
+    in_bands(lambda begin, end: _pool_rows(maps, masks, begin, end, padded, *of_rows), height)
+    return padded, *_statistics(*of_rows)
+
+
+def adapt(padded, maps, masks, W, kernel, bias, original_form) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The spatially adaptive map and the weighted sum of the maps (H, W, 2, C), where any is present; their maximum
+    and mean over those cells (2,)."""
+    height, width, channels = maps[0].shape
+    mixed = np.empty((height, width, 2, channels), np.float32)
+    of_rows = _row_statistics(height, 2, channels)
+    how = padded, maps, masks, W, kernel, bias, original_form
+    in_bands(lambda begin, end: _adapt_rows(*how, begin, end, mixed, *of_rows), height)
+    return mixed, *_statistics(*of_rows)
+
+
+def _row_statistics(height: int, maps: int, channels: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of every row of cells and map: maxima and sums of each channel (H, n, C), and the number of cells (H, n)."""
+    tops = np.full((height, maps, channels), -np.inf, np.float32)
+    return tops, np.zeros(tops.shape, np.float32), np.zeros(tops.shape[:2], np.int64)
+
+
+def _statistics(tops: np.ndarray, sums: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The maximum and mean of every map (n,), zero where it has no cell. Rows are summed in double precision and in
+    their order, so that it does not matter how they were shared between threads."""
+    cells = counts.sum(0)
+    mean = sums.sum(0, dtype=np.float64).sum(1) / np.maximum(cells * tops.shape[2], 1)
+    return np.where(cells > 0, tops.max((0, 2)), 0).astype(np.float32), mean.astype(np.float32)
+
+
+@numba.njit(**OPTIONS)
+def _pool_rows(maps, masks, begin, end, padded, tops, sums, counts):
+    """``pool`` of some rows; the last three are those of ``_row_statistics``."""
+    channels = maps[0].shape[2]
+    for i in range(max(begin, 0), end):
+        for j in range(maps[0].shape[1]):
             present, high, total = 0, padded[0, i + 1, j + 1, 1:-1], padded[1, i + 1, j + 1, 1:-1]
             for n in range(len(maps)):
                 if masks[n][i, j]:
-                    cell, top, row_sum = maps[n][i, j], tops[n], row_sums[n]
+                    cell, top, row_sum = maps[n][i, j], tops[i, n], sums[i, n]
                     if present:
                         for c in range(channels):
                             high[c] = max(high[c], cell[c])
@@ -96,30 +126,19 @@ def pool(maps, masks):
                         top[c] = max(top[c], cell[c])
                         row_sum[c] += cell[c]
                     present += 1
-                    counts[n] += 1
+                    counts[i, n] += 1
             if present > 1:
                 share = np.float32(1.0 / present)
                 for c in range(channels):
                     total[c] *= share
-        sums += row_sums
-    highest, mean = np.zeros(len(maps), np.float32), np.zeros(len(maps), np.float32)
-    for n in range(len(maps)):
-        if counts[n]:
-            highest[n], mean[n] = tops[n].max(), sums[n].sum() / (counts[n] * channels)
-    return padded, highest, mean
 
 
 @numba.njit(**OPTIONS)
-def adapt(padded, maps, masks, W, kernel, bias, original_form):
-    """The spatially adaptive map and the weighted sum of the maps (H, W, 2, C), where any is present; their maximum
-    and mean over those cells (2,)."""
-    height, width, channels = maps[0].shape
-    mixed = np.empty((height, width, 2, channels), np.float32)
-    tops, sums = np.full((2, channels), -np.inf, np.float32), np.zeros((2, channels))
-    row_sums, cells = np.empty((2, channels), np.float32), 0
+def _adapt_rows(padded, maps, masks, W, kernel, bias, original_form, begin, end, mixed, tops, sums, counts):
+    """``adapt`` of some rows; the last three are those of ``_row_statistics``."""
+    width, channels = maps[0].shape[1:]
     convolved = np.empty((width, channels + 2), np.float32)
-    for i in range(height):
-        row_sums[:] = 0
+    for i in range(max(begin, 0), end):
         _convolve_row(padded, i, kernel, bias, convolved.reshape(-1))
         for j in range(width):
             spatial, channel = mixed[i, j, 0], mixed[i, j, 1]
@@ -130,7 +149,6 @@ def adapt(padded, maps, masks, W, kernel, bias, original_form):
                     present += 1
             if not present:
                 continue
-            cells += 1
             row = convolved[j]
             for c in range(channels):
                 spatial[c] = np.float32(0) if row[c] < 0 else row[c]
@@ -142,16 +160,11 @@ def adapt(padded, maps, masks, W, kernel, bias, original_form):
                     for c in range(channels):
                         channel[c] += share * cell[c]
             for k in range(2):
-                cell, top, row_sum = mixed[i, j, k], tops[k], row_sums[k]
+                cell, top, row_sum = mixed[i, j, k], tops[i, k], sums[i, k]
                 for c in range(channels):
                     top[c] = max(top[c], cell[c])
                     row_sum[c] += cell[c]
-        sums += row_sums
-    highest, mean = np.zeros(2, np.float32), np.zeros(2, np.float32)
-    if cells:
-        for k in range(2):
-            highest[k], mean[k] = tops[k].max(), sums[k].sum() / (cells * channels)
-    return mixed, highest, mean
+                counts[i, k] += 1
 
 
 @numba.njit(**OPTIONS)
@@ -179,10 +192,14 @@ def _convolve_row(padded, i, kernel, bias, out):
             out[k] += a * high[k] + b * high[k + 1] + c * high[k + 2] + d * mean[k] + e * mean[k + 1] + f * mean[k + 2]
 
 
-@numba.njit(**OPTIONS)
-def combine(mixed, masks, shares, out):
+def combine(mixed: np.ndarray, masks: tuple, shares: np.ndarray, out: np.ndarray) -> None:
     """Both maps of mixed (H, W, 2, C) by their shares, zero where no map is present: out (H, W, C)."""
-    for i in range(out.shape[0]):
+    in_bands(lambda begin, end: _combine_rows(mixed, masks, shares, begin, end, out), len(out))
+
+
+@numba.njit(**OPTIONS)
+def _combine_rows(mixed, masks, shares, begin, end, out):
+    for i in range(max(begin, 0), end):
         for j in range(out.shape[1]):
             present = False
             for n in range(len(masks)):

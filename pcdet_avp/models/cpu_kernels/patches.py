@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numba
 import numpy as np
 import torch
@@ -9,6 +11,7 @@ from torch import Tensor
 
 from pcdet_avp.models.cpu_kernels.bfloat16 import bits_of, stored
 from pcdet_avp.models.cpu_kernels.dispatch import OPTIONS, array_of, usable, usable_in_bf16
+from pcdet_avp.models.side_by_side import in_bands
 
 
 def fits(images: Tensor) -> bool:
@@ -23,15 +26,16 @@ def normalised_patches(images: Tensor, mean: Tensor, std: Tensor, side: int) -> 
     dtype = torch.bfloat16 if torch.is_autocast_enabled("cpu") else torch.float32
     out = torch.empty((b, -(-height // side), -(-width // side), colours * side**2), dtype=dtype)
     of_colour = (t.flatten().numpy() for t in (mean, std))
-    _write_patches(array_of(images), *of_colour, side, bits_of(out))
+    arrays = array_of(images), *of_colour, side, bits_of(out)
+    in_bands(partial(_write_patches, *arrays), out.shape[1])
     return out.permute(0, 3, 1, 2)
 
 
 @numba.njit(**OPTIONS)
-def _write_patches(images, mean, std, side, out):
+def _write_patches(images, mean, std, side, out, begin, end):
     zero = np.float32(0)
     for sample in range(out.shape[0]):
-        for row in range(out.shape[1]):
+        for row in range(max(begin, 0), end):
             for column in range(out.shape[2]):
                 channel = 0
                 for colour in range(images.shape[1]):

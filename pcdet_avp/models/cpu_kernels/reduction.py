@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numba
 import numpy as np
 from torch import Tensor
 
 from pcdet_avp.models.cpu_kernels.dispatch import OPTIONS, array_of, as_map, cells_last, usable
+from pcdet_avp.models.side_by_side import in_bands
 
 
 def fits(x: Tensor, weight: Tensor, side: int) -> bool:
@@ -22,16 +25,16 @@ def reduced_and_pooled(x: Tensor, weight: Tensor) -> Tensor:
     cells, matrix = cells_last(x), array_of(weight.flatten(1).double())
     out = np.empty((len(cells), cells.shape[1] // 2, cells.shape[2] // 2, len(matrix)), np.float32)
     for sample in range(len(cells)):
-        _reduce_and_pool(cells[sample], matrix, out[sample])
+        in_bands(partial(_reduce_and_pool, cells[sample], matrix, out[sample]), out.shape[1])
     return as_map(out)
 
 
 @numba.njit(**OPTIONS)
-def _reduce_and_pool(cells, matrix, out):
-    """cells (H, W, C) float32, matrix (c, C) float64, out (H / 2, W / 2, c). NaN wins, as in torch's pooling."""
+def _reduce_and_pool(cells, matrix, out, begin, end):
+    """Rows of out (H / 2, W / 2, c) from cells (H, W, C) float32 and matrix (c, C) float64. NaN wins, as in torch."""
     outputs, channels = matrix.shape
     block = np.empty((4, channels))
-    for row in range(out.shape[0]):
+    for row in range(max(begin, 0), end):
         for column in range(out.shape[1]):
             for i in range(4):
                 for channel in range(channels):

@@ -3,6 +3,8 @@ them, so that the same cells count as present."""
 
 from __future__ import annotations
 
+from functools import partial
+
 import numba
 import numpy as np
 import torch
@@ -10,6 +12,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from pcdet_avp.models.cpu_kernels.dispatch import OPTIONS, array_of, as_map, cells_last
+from pcdet_avp.models.side_by_side import in_bands
 
 
 def resample(X: Tensor, mask: Tensor, cols: Tensor, rows: Tensor, min_share: float) -> tuple[Tensor, Tensor]:
@@ -17,7 +20,8 @@ def resample(X: Tensor, mask: Tensor, cols: Tensor, rows: Tensor, min_share: flo
     cells, inside, cols, rows = cells_last(X), array_of(mask[:, 0]), array_of(cols), array_of(rows)
     out, present = np.zeros(cells.shape, np.float32), np.zeros(inside.shape, np.bool_)
     for sample in range(len(cells)):
-        _resample(cells[sample], inside[sample], cols[sample], rows[sample], min_share, out[sample], present[sample])
+        of_sample = cells[sample], inside[sample], cols[sample], rows[sample], min_share, out[sample], present[sample]
+        in_bands(partial(_resample, *of_sample), out.shape[1])
     return as_map(out), torch.from_numpy(present)[:, None]
 
 
@@ -49,11 +53,11 @@ class _Resample(torch.autograd.Function):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")  # no freedom of order here: it decides what is present
-def _resample(cells, inside, cols, rows, min_share, out, present):
-    """One sample; ``out`` (H, W, C) and ``present`` (H, W) are zero and receive the result."""
+def _resample(cells, inside, cols, rows, min_share, out, present, begin, end):
+    """Rows of one sample; ``out`` (H, W, C) and ``present`` (H, W) are zero and receive the result."""
     height, width, channels = cells.shape
     weights = np.zeros(4)
-    for i in range(height):
+    for i in range(max(begin, 0), end):  # numba is faster where it knows that a row's number is not negative
         for j in range(width):
             if not (cols[i, j] > -1 and cols[i, j] < width and rows[i, j] > -1 and rows[i, j] < height):
                 continue

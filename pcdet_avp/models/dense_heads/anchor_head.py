@@ -90,6 +90,8 @@ class AnchorHeadSingle(nn.Module):
         """
         Args: batch_dict:
             spatial_features_2d (B, C, H, W)
+            min_scores (num_class,), optional: of one sample, at inference on a CPU, only anchors are wanted that may
+            score above them; the last three results then hold no others, and the first three do not exist
         Returns: batch_dict with
             cls_preds (B, A, num_class), box_preds (B, A, 7), dir_cls_preds (B, A, NUM_DIR_BINS): raw outputs, and in
             evaluation batch_cls_preds (B, A, num_class) logits, batch_box_preds (B, A, 7), cls_preds_normalized False
@@ -99,7 +101,13 @@ class AnchorHeadSingle(nn.Module):
             raise GeometryError(f"DENSE_HEAD: anchors lie on a map of {self.map_shape}, found {tuple(x.shape[2:])}")
         layers = [layer for layer in (self.conv_cls, self.conv_box, self.conv_dir_cls) if layer is not None]
         with convolutions():
-            outputs = convolve_together(layers, x)
+            outputs = _convolved(layers, x)
+        if "min_scores" in batch_dict and decode_kernel.picks(outputs, self.bins):
+            how = self.num_class, self.bins, self.anchors, self.direction_offset, batch_dict["min_scores"]
+            logits, boxes = decode_kernel.likely_boxes(outputs, *how)
+            likely = {"batch_cls_preds": logits, "batch_box_preds": boxes, "cls_preds_normalized": False}
+            return {**batch_dict, **likely}
+        outputs = _by_layer(outputs, layers)
         scores, codes, *directions = outputs if torch.is_grad_enabled() else map(full_precision, outputs)
         out = {"cls_preds": per_anchor(scores, self.num_class), "box_preds": per_anchor(codes, 7)}
         out["dir_cls_preds"] = per_anchor(*directions, self.bins) if directions else None
@@ -176,8 +184,17 @@ class AnchorHeadSingle(nn.Module):
 
 def convolve_together(layers: Sequence[nn.Conv2d], x: Tensor) -> tuple[Tensor, ...]:
     """The results of 1 x 1 convolutions of the same map (B, C, H, W), which is read once."""
+    return _by_layer(_convolved(layers, x), layers)
+
+
+def _convolved(layers: Sequence[nn.Conv2d], x: Tensor) -> Tensor:
+    """The channels of all results, one layer after the other."""
     weight, bias = (torch.cat([getattr(layer, name) for layer in layers]) for name in ("weight", "bias"))
-    return convolve_to_cells_last(x, weight, bias).split([layer.out_channels for layer in layers], 1)
+    return convolve_to_cells_last(x, weight, bias)
+
+
+def _by_layer(outputs: Tensor, layers: Sequence[nn.Conv2d]) -> tuple[Tensor, ...]:
+    return outputs.split([layer.out_channels for layer in layers], 1)
 
 
 def per_anchor(x: Tensor, values: int) -> Tensor:

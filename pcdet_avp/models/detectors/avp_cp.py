@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial, reduce
 from typing import Any
 
@@ -26,8 +26,9 @@ from pcdet_avp.registry import DETECTORS
 from pcdet_avp.structures.sensor_set import EGO_SOURCES, INFRA_SOURCES, SOURCES, modality_of
 from pcdet_avp.structures.stage_times import untimed
 
-BY_SOURCE = ("bev_maps", "bev_valid", "depth_logits")  # what encoders write
+BY_SOURCE = ("bev_maps", "bev_valid", "depth_logits", "latents", "latent_losses")  # what encoders and codec write
 Link = Callable[[dict], dict]
+Stage = Callable[[dict], dict]  # from batch to batch
 
 
 def received_as_sent(latents: dict) -> dict:
@@ -70,9 +71,9 @@ class AvpCp(LoadableDetector):
             training: ({"loss": scalar}, tb_dict of scalars, disp_dict)
             evaluation: (pred_dicts, one per sample, recall_dict), see ``PostProcessing``
         """
-        batch_dict = self.run_stages(batch_dict, link)
         if not self.training:
-            return self.post_processing(batch_dict)
+            return self.post_processing(self.run_stages({**batch_dict, **self._asked_for()}, link))
+        batch_dict = self.run_stages(batch_dict, link)
         loss, tb_dict = self.get_loss(batch_dict)
         return {"loss": loss}, tb_dict, {}
 
@@ -86,30 +87,50 @@ class AvpCp(LoadableDetector):
 
     def encode_roadside(self, batch_dict: dict) -> dict[str, Latent]:
         """What the roadside sends, by source; of the batch only the roadside's sensors and poses are read."""
-        batch_dict = self.encode(batch_dict, INFRA_SOURCES)
-        with self.stages("compress"):
-            return self.codec.compress(batch_dict)["latents"]
+        return self.encode(batch_dict, INFRA_SOURCES, then=self._compress).get("latents", {})
 
     def encode_vehicle(self, batch_dict: dict) -> dict:
-        """The batch with the vehicle's own maps; of the batch only the vehicle's sensors are read."""
-        return self.encode(batch_dict, EGO_SOURCES)
+        """The batch with the vehicle's own maps; of the batch only the vehicle's sensors are read.
+
+        Where it has ``latents``, too, and a core is free, they are brought to the vehicle's grid meanwhile.
+        """
+        if "latents" not in batch_dict or self.registration.settings.enabled or not pays(batch_dict["source_present"]):
+            return self.encode(batch_dict, EGO_SOURCES)
+        return {**self.encode(batch_dict, EGO_SOURCES, meanwhile=[self._place]), "placed": True}
+
+    def detect(self, batch_dict: dict) -> list[dict]:
+        """``fuse_and_detect`` and what post-processing makes of it: one of ``PostProcessing``'s pred_dicts a sample.
+
+        The head may leave out anchors whose boxes nobody would see.
+        """
+        batch_dict = self.fuse_and_detect({**batch_dict, **self._asked_for()})
+        with self.stages("post-processing"):
+            return self.post_processing(batch_dict)[0]
+
+    def _asked_for(self) -> dict:
+        return {"min_scores": self.post_processing.min_scores}
 
     def fuse_and_detect(self, batch_dict: dict) -> dict:
         """From the vehicle's maps and ``latents``, what it received (of no source: nothing), to the head's boxes.
 
         Where MODEL.REGISTRATION is on, except in training, the received maps are registered first.
         """
+        if not self.training:
+            batch_dict = self._run([("register", self.registration)], batch_dict)
+        batch_dict = batch_dict if batch_dict.get("placed") else self._place(batch_dict)
+        stages = (("fuse", self.fuser), ("backbone", self.backbone_2d), ("head", self.dense_head))
+        return self._run([("merge units", merge_units), *stages], batch_dict)
+
+    def _place(self, batch_dict: dict) -> dict:
+        """The maps in ``latents`` on the vehicle's grid."""
+        return self._run([("decompress", self.codec.decompress), ("warp", self.warp)], batch_dict)
+
+    def _run(self, stages: Sequence[tuple[str, Stage]], batch_dict: dict) -> dict:
         with computing_in(self.precision):
-            for name, stage in self._behind_the_link():
+            for name, stage in stages:
                 with self.stages(name):
                     batch_dict = stage(batch_dict)
         return batch_dict
-
-    def _behind_the_link(self) -> Iterator[tuple[str, Callable[[dict], dict]]]:
-        if not self.training:
-            yield "register", self.registration
-        yield from (("decompress", self.codec.decompress), ("warp", self.warp), ("merge units", merge_units))
-        yield from (("fuse", self.fuser), ("backbone", self.backbone_2d), ("head", self.dense_head))
 
     def _on_the_air(self, batch_dict: dict) -> dict:
         """The roadside's latents; in training, some of them without some of their segments."""
@@ -118,23 +139,39 @@ class AvpCp(LoadableDetector):
             return drop_segments(latents, batch_dict["frame_id"], self.segment_dropout, int(self.global_step))
         return latents
 
-    def encode(self, batch_dict: dict, sources: tuple[str, ...] = SOURCES) -> dict:
-        """Maps of every source that any sample has; the encoders of the others do not run at all."""
+    def encode(
+        self,
+        batch_dict: dict,
+        sources: tuple[str, ...] = SOURCES,
+        then: Stage | None = None,
+        meanwhile: Sequence[Stage] = (),
+    ) -> dict:
+        """Maps of every source that any sample has; the encoders of the others do not run at all.
+
+        ``then`` follows each encoder and is given its source's map alone. Stages of ``meanwhile`` fill the batch with
+        maps of further sources, side by side with the encoders where that pays.
+        """
         batch_dict = {**batch_dict, "bev_maps": {}, "bev_valid": {}}
         anywhere = batch_dict["source_present"].any(0).tolist()
         present = [source for source in sources if anywhere[SOURCES.index(source)]]
+        tasks = [partial(self._encode_source, batch_dict, source, then) for source in present]
+        tasks += [partial(stage, batch_dict) for stage in meanwhile]
         with computing_in(self.precision):
-            if pays(batch_dict["source_present"]):
-                tasks = [partial(self._encode_source, batch_dict, source) for source in present]
-                return reduce(_joined, side_by_side(tasks), batch_dict)
-            return reduce(self._encode_source, present, batch_dict)
+            encoded = side_by_side(tasks) if pays(batch_dict["source_present"]) else [task() for task in tasks]
+        return reduce(_joined, encoded, batch_dict)
 
-    def _encode_source(self, batch_dict: dict, source: str) -> dict:
+    def _encode_source(self, batch_dict: dict, source: str, then: Stage | None) -> dict:
         encoder = self.encoder_of(source)
         if self.recompute_encoders and torch.is_grad_enabled():
-            return recomputed(encoder, batch_dict, source)
-        with self.stages(f"encode {source}"):
-            return encoder(batch_dict, source)
+            encoded = recomputed(encoder, batch_dict, source)
+        else:
+            with self.stages(f"encode {source}"):
+                encoded = encoder(batch_dict, source)
+        return encoded if then is None else then(encoded)
+
+    def _compress(self, batch_dict: dict) -> dict:
+        with self.stages("compress"):
+            return self.codec.compress(batch_dict)
 
     def encoder_of(self, source: str) -> nn.Module:
         """The encoder of a source: its own, or the one that both agents share."""
@@ -158,7 +195,7 @@ class AvpCp(LoadableDetector):
 
 
 def _joined(batch_dict: dict, encoded: dict) -> dict:
-    """What two encoders wrote, each by the names of its sources."""
+    """What two tasks wrote, each by the names of its sources."""
     written = {key: {**batch_dict.get(key, {}), **encoded[key]} for key in BY_SOURCE if key in encoded}
     return {**batch_dict, **encoded, **written}
 

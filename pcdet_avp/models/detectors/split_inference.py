@@ -70,15 +70,17 @@ class VehicleHalf:
     @torch.no_grad()
     def detect(self, batch_dict: dict, world_from_ego: Pose, maps: Collection[LatentMap]) -> dict[str, torch.Tensor]:
         """pred_boxes (n, 7), pred_scores (n,), pred_labels (n,) in the ego frame."""
-        outputs = self.run(batch_dict, world_from_ego, maps)
-        with self._model.stages("post-processing"):
-            return self._model.post_processing(outputs)[0][0]
+        return self._model.detect(self._with_maps(batch_dict, world_from_ego, maps))[0]
 
     @torch.no_grad()
     def run(self, batch_dict: dict, world_from_ego: Pose, maps: Collection[LatentMap]) -> dict:
-        """The head's boxes and logits (see ``AnchorHeadSingle``) that ``detect`` filters."""
+        """The head's boxes and logits (see ``AnchorHeadSingle``), of which ``detect`` keeps few."""
+        return self._model.fuse_and_detect(self._with_maps(batch_dict, world_from_ego, maps))
+
+    def _with_maps(self, batch_dict: dict, world_from_ego: Pose, maps: Collection[LatentMap]) -> dict:
+        """The vehicle's own maps and those it received."""
         received = self._received(batch_dict["ego_from_infra"], world_from_ego, maps)
-        return self._model.fuse_and_detect({**self._model.encode_vehicle(batch_dict), **received, **self._memory})
+        return self._model.encode_vehicle({**batch_dict, **received, **self._memory})
 
     @staticmethod
     def _received(like: torch.Tensor, world_from_ego: Pose, maps: Collection[LatentMap]) -> dict:

@@ -55,3 +55,26 @@ def test_when_it_serves():
         with plain_operations():
             assert not decode_kernel.fits(codes, directions, anchors)
     assert not decode_kernel.fits(codes, directions, anchors)
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])
+def test_only_anchors_that_may_score_high_are_picked(dtype):
+    """Of a cell's outputs first come all logits, then all codes, then all directions."""
+    K, classes, bins, H, W = 3, 2, 2, 4, 5
+    generator = torch.Generator().manual_seed(2)
+    outputs = torch.randn(1, K * (classes + 7 + bins), H, W, generator=generator).to(dtype)
+    outputs[0, 3, 1, 2] = torch.nan  # the second class of the second anchor
+    anchors = torch.rand(H * W * K, 7, generator=generator) + 0.5
+    rows = outputs[0].permute(1, 2, 0).reshape(H * W, -1).float()
+    logits, codes, directions = rows.split([K * classes, K * 7, K * bins], 1)
+    logits, directions = logits.reshape(-1, classes), directions.reshape(-1, bins)
+    min_scores = [0.7, 0.8]
+    wanted = ((logits.sigmoid() > torch.tensor(min_scores)) | logits.isnan()).any(1)
+    assert 5 < wanted.sum() < H * W * K
+    expected = decode_kernel.decode(codes.reshape(1, -1, 7), directions[None], anchors, 0.3)[:, wanted]
+    found = decode_kernel.likely_boxes(outputs, classes, bins, anchors, 0.3, min_scores)
+    torch.testing.assert_close(found[0], logits[None, wanted], rtol=0, atol=0, equal_nan=True)
+    torch.testing.assert_close(found[1], expected, rtol=0, atol=0)
+    everything = decode_kernel.likely_boxes(outputs, classes, bins, anchors, 0.3, [0.0, 0.0])
+    assert everything[0].shape[1] == H * W * K
+    assert not decode_kernel.likely_boxes(outputs.nan_to_num(), classes, bins, anchors, 0.3, [1.0, 1.0])[0].numel()

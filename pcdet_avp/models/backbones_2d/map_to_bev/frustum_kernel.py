@@ -15,6 +15,7 @@ from pcdet_avp.models.cpu_kernels.bfloat16 import bits_of, stored
 from pcdet_avp.models.cpu_kernels.dispatch import OPTIONS, array_of
 from pcdet_avp.models.norm import ScaleNorm
 from pcdet_avp.models.precision import convolved_in_bf16
+from pcdet_avp.models.side_by_side import in_bands
 
 CHUNK_COLUMNS = 1 << 11  # at a time: their samples stay in the cache until the convolution over heights reads them
 NEGLIGIBLE = 1e-5  # a voxel that weighs its pixels' features no more than this holds nothing
@@ -59,19 +60,25 @@ def _seen_rows(
     dtype = torch.bfloat16 if convolved_in_bf16() else torch.float32
     columns, heights = projection.pixels.shape
     pixels, bins, where = array_of(features), array_of(probabilities), _arrays(projection)
-    samples, matrix = (
-        torch.empty((min(CHUNK_COLUMNS, columns), heights, pixels.shape[1]), dtype=dtype),
-        matrix.to(dtype),
-    )
-    out, kept = torch.empty((columns, matrix.shape[1]), dtype=dtype), np.empty(columns, np.int64)
-    found, begin = 0, 0
-    while begin < columns:
-        n, begin = sample_seen_voxels(
-            pixels, bins, *where, projection.image_size[1], begin, bits_of(samples), kept[found:]
-        )
-        torch.mm(samples[:n].view(n, len(matrix)), matrix, out=out[found : found + n])  # n may be 0
-        found += n
-    return array_of(out[:found].float()), array_of(projection.columns)[kept[:found]]
+    out = torch.empty((columns, matrix.shape[1]), dtype=dtype)
+    kept, found, matrix = np.empty(columns, np.int64), {}, matrix.to(dtype)
+
+    def collapse_some(begin: int, end: int) -> None:
+        """Those of the columns from ``begin`` to ``end``, from row ``begin`` of ``out`` on."""
+        samples = torch.empty((min(CHUNK_COLUMNS, end - begin), heights, pixels.shape[1]), dtype=dtype)
+        of_band, column, row = [a[:end] for a in where], begin, begin
+        while column < end:
+            n, column = sample_seen_voxels(
+                pixels, bins, *of_band, projection.image_size[1], column, bits_of(samples), kept[row:]
+            )
+            torch.mm(samples[:n].view(n, len(matrix)), matrix, out=out[row : row + n])  # n may be 0
+            row += n
+        found[begin] = row
+
+    in_bands(collapse_some, columns)
+    bands = [slice(begin, end) for begin, end in sorted(found.items())]
+    rows = torch.cat([out[band].float() for band in bands]) if len(bands) > 1 else out[bands[0]].float()
+    return array_of(rows), array_of(projection.columns)[np.concatenate([kept[band] for band in bands])]
 
 
 def _arrays(projection: VoxelProjection) -> list[np.ndarray]:

@@ -63,7 +63,8 @@ class FrustumToBev(nn.Module):
             if self.sampling == "trilinear" and len(pixels) and usable(pixels, probabilities, self.norm.weight):
                 how = as_matrix(weight.detach()), self.norm, cells
                 samples = zip(pixels, probabilities, projections, strict=True)
-                return self._as_maps(torch.cat([kernels.normalised_map(*sample, *how) for sample in samples])), seen
+                maps = [kernels.normalised_map(*sample, *how) for sample in samples]
+                return self._as_maps(torch.cat(maps) if len(maps) > 1 else maps[0]), seen
             rows = [
                 frustum_collapse(pixels[b], probabilities[b], weight, projection, self.sampling)
                 for b, projection in enumerate(projections)
