@@ -1,6 +1,6 @@
-"""Convolutions of kernel 1 in training on a CPU: matrix products, since torch's own convolution is slow there.
+"""Convolutions without overlap in training on a CPU: matrix products, since torch's own convolution is slow there.
 
-With one thread torch leaves them to its oldest implementation, whose backward pass takes several times as long as the
+Those of kernel 1: with one thread torch leaves them to its oldest implementation, whose backward pass takes several times as long as the
 two matrix products that it amounts to. Without gradients, and elsewhere, everything is computed as before.
 """
 
@@ -44,6 +44,23 @@ class PointwiseConvTranspose2d(nn.ConvTranspose2d):
         if output_size is not None or not usable_in_training(x, self.weight):
             return super().forward(x, output_size)
         return pointwise(x, self.weight.transpose(0, 1), None)
+
+
+class BlockConvTranspose2d(nn.ConvTranspose2d):
+    """``nn.ConvTranspose2d`` whose stride is its kernel, without bias: every pixel becomes a block of pixels."""
+
+    def __init__(self, inputs: int, outputs: int, side: int) -> None:
+        super().__init__(inputs, outputs, side, stride=side, bias=False)
+
+    def forward(self, x: Tensor, output_size: list[int] | None = None) -> Tensor:
+        """(B, C, H, W) -> (B, outputs, side * H, side * W)."""
+        last = x.is_contiguous(memory_format=torch.channels_last)
+        if output_size is not None or not last or not usable_in_training(x, self.weight):
+            return super().forward(x, output_size)
+        inputs, outputs, side, _ = self.weight.shape
+        blocks = x.permute(0, 2, 3, 1) @ self.weight.permute(0, 2, 3, 1).reshape(inputs, -1)
+        pixels = blocks.unflatten(3, (side, side, outputs)).permute(0, 1, 3, 2, 4, 5)
+        return pixels.reshape(len(x), side * x.shape[2], side * x.shape[3], outputs).permute(0, 3, 1, 2)
 
 
 def convolve_to_cells_last(x: Tensor, weight: Tensor, bias: Tensor) -> Tensor:

@@ -1,4 +1,4 @@
-"""Convolutions of kernel 1 as matrix products, against torch's convolutions in float64."""
+"""Convolutions without overlap as matrix products, against torch's convolutions in float64."""
 
 import pytest
 import torch
@@ -7,7 +7,12 @@ from torch.nn import functional as F
 
 from pcdet_avp.models import pointwise as module
 from pcdet_avp.models.cpu_kernels.dispatch import plain_operations
-from pcdet_avp.models.pointwise import PointwiseConv2d, PointwiseConvTranspose2d, convolve_to_cells_last
+from pcdet_avp.models.pointwise import (
+    BlockConvTranspose2d,
+    PointwiseConv2d,
+    PointwiseConvTranspose2d,
+    convolve_to_cells_last,
+)
 
 
 def image(layout=torch.contiguous_format):
@@ -50,6 +55,15 @@ def test_cells_last_equals_the_convolution(layout):
 def test_equals_the_transposed_convolution(layout):
     torch.manual_seed(0)
     compare(PointwiseConvTranspose2d(6, 4), nn.ConvTranspose2d(6, 4, 1, bias=False), image(layout))
+
+
+@pytest.mark.parametrize("layout", [torch.contiguous_format, torch.channels_last])
+@pytest.mark.parametrize("side", [2, 3])
+def test_a_pixel_becomes_the_block_of_the_transposed_convolution(side, layout):
+    torch.manual_seed(0)
+    layer = BlockConvTranspose2d(6, 4, side)
+    compare(layer, nn.ConvTranspose2d(6, 4, side, side, bias=False), image(layout))
+    assert layer(image(layout)).is_contiguous(memory_format=layout)  # as what comes next reads it
 
 
 def test_without_gradients_it_is_the_convolution_to_the_bit(monkeypatch):

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from pcdet_avp.errors import ConfigError, GeometryError
 from pcdet_avp.models.memory_layout import for_convolutions
 from pcdet_avp.models.norm import make_norm, norm_relu
-from pcdet_avp.models.pointwise import PointwiseConvTranspose2d
+from pcdet_avp.models.pointwise import BlockConvTranspose2d, PointwiseConvTranspose2d
 from pcdet_avp.models.precision import convolutions
 from pcdet_avp.registry import BACKBONES_2D
 
@@ -89,7 +89,7 @@ def upsample(inputs: int, outputs: int, stride: float, norm: str) -> ConvStage:
     if stride == 1:
         conv = PointwiseConvTranspose2d(inputs, outputs)
     elif stride > 1:
-        conv = nn.ConvTranspose2d(inputs, outputs, round(stride), stride=round(stride), bias=False)
+        conv = BlockConvTranspose2d(inputs, outputs, round(stride))
     else:
         conv = nn.Conv2d(inputs, outputs, round(1 / stride), stride=round(1 / stride), bias=False)
     return ConvStage(conv, make_norm(norm, outputs), nn.ReLU(inplace=True))

@@ -50,12 +50,16 @@ class ChannelAdaFusion(MapFuser):
         return self.weights(self.hidden(D).sigmoid()).relu().to(map_max.dtype)
 
     def _weighted_sum(self, W: Tensor, maps: Maps, masks: Masks) -> Tensor:
-        factors = cell_weights(W, masks) if self.original_form else cell_shares(W, masks)
-        first, *others = maps
-        total = factors[first].to(maps[first].dtype) * maps[first]
-        for i in others:
-            total = torch.addcmul(total, factors[i].to(maps[i].dtype), maps[i])
-        return total
+        return weighted_sum(cell_weights(W, masks) if self.original_form else cell_shares(W, masks), maps)
+
+
+def weighted_sum(factors: dict[int, Tensor], maps: Maps) -> Tensor:
+    """Sum of maps (B, C, H, W), each times what it counts in every cell, (B, 1, H, W)."""
+    first, *others = maps
+    total = factors[first].to(maps[first].dtype) * maps[first]
+    for i in others:
+        total = torch.addcmul(total, factors[i].to(maps[i].dtype), maps[i])
+    return total
 
 
 def cell_weights(W: Tensor, masks: Masks) -> dict[int, Tensor]:

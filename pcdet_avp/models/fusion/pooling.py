@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from torch import Tensor
 
+from pcdet_avp.models.fusion.channel_ada import weighted_sum
 from pcdet_avp.models.fusion.map_fuser import MapFuser, Maps, Masks
 from pcdet_avp.models.fusion.pooled_statistics import pooled_statistics
 from pcdet_avp.registry import FUSERS
@@ -18,7 +19,9 @@ class AverageFusion(MapFuser):
 
     def fuse(self, maps: Maps, masks: Masks) -> Tensor:
         """Maps (B, C, H, W) by slot, masks (B, 1, H, W) bool -> X_avg (B, C, H, W), zero where no map is present."""
-        return pooled_statistics([*maps.values()], [*masks.values()]).X_avg
+        dtype = next(iter(maps.values())).dtype
+        count = sum(mask.to(dtype) for mask in masks.values()).clamp_(min=1)
+        return weighted_sum({slot: mask / count for slot, mask in masks.items()}, maps)
 
 
 @FUSERS.register("MaxFusion")

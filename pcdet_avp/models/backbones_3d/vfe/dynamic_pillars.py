@@ -148,7 +148,9 @@ class PillarLayer(nn.Module):
 
     def forward(self, x: Tensor, pillar_ids: Tensor, pillars: int) -> Tensor:
         """x (P, inputs), pillar_ids (P,) -> (pillars, outputs), or (P, outputs) before the last layer."""
-        x = self._normalise(self.linear(x))
+        # As a product with a matrix that lies in memory as it is read: for the one of ``nn.Linear`` torch computes the
+        # gradient the other way round, which takes ten times as long where points are many and channels few.
+        x = self._normalise(x @ self.linear.weight.T.contiguous())
         if self.last:
             return F.relu(segment_max(x, pillar_ids, pillars))  # ReLU is monotone: after the maximum it costs less
         x = F.relu(x)
