@@ -30,7 +30,7 @@ from pcdet_avp.datasets.avp.splits import SPLITS
 from pcdet_avp.deploy.runtime import TORCH
 from pcdet_avp.engine.real_time import table
 from pcdet_avp.errors import AvpError, ConfigError
-from pcdet_avp.files import write_json
+from pcdet_avp.files import check_writable, write_json
 from pcdet_avp.provenance import command, git_commit, machine, versions
 from pcdet_avp.runtime_arguments import add_runtime_arguments, check_runtime_arguments, precision_on_cpu
 
@@ -140,6 +140,7 @@ def main() -> None:
     if args.runtime == TORCH and args.ckpt is None:
         raise ConfigError("--ckpt: expected the weights of this configuration")
     load_arguments_config(args)  # refuses what is wrong before two processes say it
+    check_writable(args.out)
     load = os.getloadavg()[0]
     with tempfile.TemporaryDirectory() as folder:
         found = run_both(args, Path(folder))

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from pcdet_avp.errors import OutputError
-from pcdet_avp.files import flat_name, make_folder, unlike_names, write_bytes, write_json
+from pcdet_avp.files import check_writable, flat_name, make_folder, unlike_names, write_bytes, write_json
 
 
 def test_json_is_whole_or_absent(tmp_path):
@@ -40,6 +40,16 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(OutputError, match=r"file.* cannot make this folder"):
         make_folder(tmp_path / "file" / "run")
+
+
+def test_a_file_that_cannot_be_written_is_named_before_the_work_for_it(tmp_path):
+    check_writable(tmp_path / "new" / "result.json")
+    assert not list((tmp_path / "new").iterdir())
+    (tmp_path / "file").touch()
+    with pytest.raises(OutputError, match=r"new: cannot write this file \(Is a directory\)"):
+        check_writable(tmp_path / "new")
+    with pytest.raises(OutputError, match="cannot make this folder"):
+        check_writable(tmp_path / "file" / "result.json")
 
 
 def test_flat_names_of_records_stay_and_no_two_ids_share_one():

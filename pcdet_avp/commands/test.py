@@ -93,9 +93,16 @@ def _tag(args: argparse.Namespace) -> str:
     return "_".join(parts) or "default"
 
 
+def _name(path: Path, result: BenchmarkResult | DepthResult, folder: RunFolder) -> str:
+    """The checkpoint's, with its weights' number where a file of this run's own has the same name."""
+    own = folder.checkpoints / path.name
+    stranger = path.is_file() and own.exists() and not path.samefile(own)
+    return f"{path.stem}_{result.meta['weights_hash']}" if stranger else path.stem
+
+
 def _report(result: BenchmarkResult | DepthResult, path: Path, folder: RunFolder, args: argparse.Namespace) -> None:
     split = split_name(result.meta["split"], result.meta["split_by"])
-    where = folder.evaluation / path.stem / split / (args.eval_tag or _tag(args))
+    where = folder.evaluation / _name(path, result, folder) / split / (args.eval_tag or _tag(args))
     if isinstance(result, DepthResult):
         result.write(where, args.json)
     else:

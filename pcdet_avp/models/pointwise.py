@@ -1,7 +1,8 @@
 """Convolutions without overlap in training on a CPU: matrix products, since torch's own convolution is slow there.
 
-Those of kernel 1: with one thread torch leaves them to its oldest implementation, whose backward pass takes several times as long as the
-two matrix products that it amounts to. Without gradients, and elsewhere, everything is computed as before.
+Of those of kernel 1, with one thread, torch leaves the work to its oldest implementation, whose backward pass takes
+several times as long as the two matrix products that it amounts to. Without gradients, and elsewhere, everything is
+computed as before.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """tools/test.py as a user meets it."""
 
 import json
+import shutil
 
 import pytest
 
@@ -78,6 +79,17 @@ def test_a_second_test_under_the_same_tag_leaves_nothing_of_the_first(call, trai
     call(tmp_path, *words, "--combos", "C+none")
     left = {str(file.relative_to(folder)) for file in folder.rglob("*") if file.is_file()}
     assert left == {"table.md", "details.md", "result.json", "detections/C+none.npz", "notes.txt"}
+
+
+def test_another_runs_checkpoint_of_the_same_name_has_a_folder_of_its_own(call, trained, tmp_path):
+    other = tmp_path / "checkpoint_epoch_2.pth"
+    shutil.copy(trained / "ckpt" / other.name, other)
+    before = (trained / "eval" / "checkpoint_epoch_2" / "test" / "result.json").read_bytes()
+    call(trained.parents[3], "test", "--ckpt", other, "--combos", "C+none")
+    assert (trained / "eval" / "checkpoint_epoch_2" / "test" / "result.json").read_bytes() == before
+    (folder,) = (trained / "eval").glob("checkpoint_epoch_2_*")
+    result = json.loads((folder / "test" / "default" / "result.json").read_text())
+    assert folder.name == f"checkpoint_epoch_2_{result['meta']['weights_hash']}"
 
 
 def test_every_checkpoint_of_a_run_gives_a_curve(call, trained):
