@@ -136,20 +136,18 @@ def sample_rows(table, row_of, query_of, offsets, shares, stride, head) -> tuple
     shares (q + 1, M, K); ``head`` is a tuple of d zeros: its length is known when this is compiled.
     Returns the sums (a, M * d) of the queries that saw anything, and their number for every query (h, w), or -1.
     """
-    of_bands: list[tuple[int, np.ndarray, np.ndarray]] = []
+    of_bands = {}
 
     def sample(begin: int, end: int) -> None:
-        found = _sample_some(table, row_of, query_of[begin:end], offsets, shares, stride, head, begin)
-        of_bands.append((begin, *found))
+        of_bands[begin] = _sample_some(table, row_of, query_of[begin:end], offsets, shares, stride, head, begin)
 
     in_bands(sample, len(query_of))
     if len(of_bands) == 1:
-        return of_bands[0][1:]
-    before = 0
-    for _, seen, answer_of in sorted(of_bands, key=lambda band: band[0]):
-        answer_of[answer_of >= 0] += before
-        before += len(seen)
-    return tuple(np.concatenate(parts) for parts in list(zip(*sorted(of_bands, key=lambda b: b[0]), strict=True))[1:])
+        return of_bands[0]
+    seen, answer_of = zip(*(of_bands[begin] for begin in sorted(of_bands)), strict=True)
+    before = np.cumsum([0, *map(len, seen)])
+    numbers = [np.where(part >= 0, part + first, part) for part, first in zip(answer_of, before[:-1], strict=True)]
+    return np.concatenate(seen), np.concatenate(numbers)
 
 
 @numba.njit(**OPTIONS)
