@@ -2,8 +2,8 @@
 
 torch's operations, numba's kernels and NumPy's large ones let go of the interpreter's lock, so that two encoders share
 two cores better than the threads inside their operations do, and one kernel's rows can be shared between two threads.
-While tasks share the cores, each computes with one thread of torch's: threads of operations that wait for each other
-while another task has their core made a pass slower than a single one.
+While tasks share the cores, each has one thread of torch's, and the first one those that are left: threads of
+operations that wait for each other while another task has their core made a pass slower than a single one.
 
 A task that no thread has begun when the caller gets to it is the caller's: nothing waits for a busy thread, and tasks
 may have parts of their own.
@@ -51,10 +51,11 @@ def side_by_side(tasks: Sequence[Callable[[], T]]) -> list[T]:
         return [task() for task in tasks]
     inference, pool = torch.is_inference_mode_enabled(), _pool(os.getpid(), threads - 1)
     others = [pool.submit(copy_context().run, _in_a_thread, task, inference) for task in tasks[1:]]
-    with _one_thread_each(threads, others):
+    with _sharing(threads, others):
         try:
             first = tasks[0]()
         finally:
+            torch.set_num_threads(1)  # as a task has in any other thread
             ended = [_ended(other, task) for other, task in zip(others, tasks[1:], strict=True)]
     return [first, *(result() for result in ended)]
 
@@ -79,10 +80,10 @@ def take_all_cores() -> None:
 
 
 @contextmanager
-def _one_thread_each(threads: int, others: Sequence[Future]) -> Iterator[None]:
-    """Operations of this thread use one core, but its work may still be shared between ``threads``."""
+def _sharing(threads: int, others: Sequence[Future]) -> Iterator[None]:
+    """Operations of this thread use the cores that others leave, but its work may be shared between ``threads``."""
     of_operations, shared, beside = torch.get_num_threads(), _shared.set(threads), _others.set(others)
-    torch.set_num_threads(1)
+    torch.set_num_threads(max(1, threads - len(others)))
     try:
         yield
     finally:

@@ -73,6 +73,12 @@ def test_operations_have_one_core_while_tasks_share_them_and_all_when_the_others
     assert torch.get_num_threads() == cores() == 2
 
 
+def test_operations_have_the_cores_that_other_tasks_leave(two_threads):
+    torch.set_num_threads(5)
+    assert side_by_side([torch.get_num_threads] * 3) == [3, 1, 1]
+    assert torch.get_num_threads() == 5
+
+
 @pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize("rows", [0, 1, 2, 7])
 def test_bands_cover_every_row_once(threads, rows):
