@@ -18,6 +18,7 @@ from pcdet_avp.structures.pose import Pose
 ROOT = Path(__file__).parents[2]
 OF_RECEIVED_MAPS = {"ego_from_sender", "map_samples"}  # only what received maps bring
 OF_REGISTRATION = {"correction_memory", "corrections"}  # only where MODEL.REGISTRATION is on
+OF_INFERENCE = {"placed", "min_scores"}  # only in the vehicle's half on two threads, and in ``detect``
 
 
 def listed_keys():
@@ -42,7 +43,20 @@ def test_the_table_has_every_key_of_a_forward_pass_and_no_other(network_and_batc
         written = set(network.eval().run_stages(dict(batch)))
     keys = listed_keys()
     assert len(keys) == len(set(keys))
-    assert set(keys) - OF_RECEIVED_MAPS - OF_REGISTRATION == written
+    assert set(keys) - OF_RECEIVED_MAPS - OF_REGISTRATION - OF_INFERENCE == written
+
+
+def test_the_vehicles_half_on_two_threads_says_that_received_maps_are_placed(network_and_batch):
+    network, batch = network_and_batch
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        with torch.inference_mode():
+            latents = network.eval().encode_roadside(dict(batch))
+            assert network.encode_vehicle({**batch, "latents": latents})["placed"]
+    finally:
+        torch.set_num_threads(before)
+    assert network._asked_for().keys() | {"placed"} == OF_INFERENCE
 
 
 def test_received_maps_bring_the_keys_that_the_table_calls_optional(network_and_batch):
