@@ -1,6 +1,6 @@
 """Cache of first hits of a fixed sensor in the static scene.
 
-First hits are remembered as a whole, shadow rays one by one (see ``standing_shadows``).
+First hits are remembered as a whole, shadow rays one by one (see ``shadow_cache``).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from pcdet_avp.sim.rays.shadow_cache import StandingShadows
 
 # Sensor positions that are kept: of both agents' sensors, and of both cameras, with room for one that moves. At the
-# paper's size a view takes up to 15 MB, a camera's shadow rays 39 MB.
+# paper's size a view takes up to 15 MB, a camera's shadow rays 39 MB and the surfaces that it sees 38 MB.
 MOST_VIEWS, MOST_SHADOWS = 6, 3
 Found = dict[str, np.ndarray]  # tfar, primID, u, v: what Embree tells of each ray
 FirstHits = Callable[[np.ndarray, np.ndarray, float], Found]
