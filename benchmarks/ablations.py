@@ -1,7 +1,7 @@
 """What each part behind the encoders is worth: the encoders shared and frozen, everything else begun anew alike.
 
     python benchmarks/ablations.py --cfg cfgs/avp/cp_small.yaml --ckpt F [--rows default,max_fusion] [--seeds 0,1]
-        [--epochs 2] [--split test] [--combos C+C,CL+C,CL+CL] [--set DATA_CONFIG.DATA_PATH D] [--out DIR]
+        [--epochs 2] [--use_amp] [--split test] [--combos C+C,CL+C,CL+CL] [--set DATA_CONFIG.DATA_PATH D] [--out DIR]
 
 Every row, ``default`` included, takes the encoders of the weights F and trains fuser, codec, backbone and head from
 fresh weights of the row's seed, for the same number of iterations on the same frames in the same order; a row differs
@@ -15,7 +15,8 @@ Boxes sent instead of maps (late fusion) need no training: see tools/bandwidth_r
 docs/results/cp_small_first_late_fusion.md.
 
 Resumable: rows that are done are read again, a row that was interrupted goes on; rows and seeds may be added, but the
-folder belongs to one configuration, data set, F, split, list of combinations and number of epochs (asked.json).
+folder belongs to one configuration, data set, F, split, list of combinations, number of epochs and precision
+(asked.json).
 Writes ablations.json, ablations.md.
 """
 
@@ -93,6 +94,7 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--rows", default=",".join(ROWS), help="names between commas; default is always run")
     parser.add_argument("--seeds", default="0,1")
     parser.add_argument("--epochs", type=int, default=2)
+    parser.add_argument("--use_amp", action="store_true", help="train in mixed precision, on a CPU in bf16")
     parser.add_argument("--split", choices=SPLITS, default="test")
     parser.add_argument("--combos", default="C+C,CL+C,CL+CL")
     parser.add_argument("--out", type=Path)
@@ -140,7 +142,7 @@ def asked_of(cfg: Mapping, args: argparse.Namespace) -> dict[str, object]:
     weights = checkpoint.weights_hash(read_checkpoint(args.ckpt)["model_state"])
     data = manifest_hash(cfg.DATA_CONFIG.DATA_PATH)
     asked = {"config_hash": config_hash(cfg), "data": data, "weights": weights, "epochs": args.epochs}
-    return asked | {"split": args.split, "combos": args.combos}
+    return asked | {"use_amp": args.use_amp, "split": args.split, "combos": args.combos}
 
 
 def encoders_of(ckpt: Path, out: Path) -> Path:
@@ -157,7 +159,9 @@ def run_row(cfg: Mapping, name: str, seed: int, args: argparse.Namespace, start:
     folder, own = RunFolder(args.out / f"{name}_{seed}").create(), changed(cfg, name, args.epochs)
     if not (folder.root / "result.json").exists():
         logger.info(f"row {name}, seed {seed}")
-        options = TrainOptions(workers=0, seed=seed, pretrained_model=(start,), max_ckpt_save_num=1)
+        options = TrainOptions(
+            workers=0, seed=seed, use_amp=args.use_amp, pretrained_model=(start,), max_ckpt_save_num=1
+        )
         last = run_training(own, args.name, folder, options, ranks, logger)
         wire, combos = name not in ("no_compression", "early_fusion"), args.combos
         run_test(own, args.name, last, combos, ranks, logger, split=args.split, wire=wire).write(folder.root)
@@ -217,7 +221,8 @@ def main() -> None:
     dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split=args.split)
     rows = rows_of(found, dataset, args)
     meta = provenance(cfg, args.name, seed=args.seeds[0], started=started)
-    meta |= {"encoders": args.ckpt.name, "epochs": args.epochs, "seeds": args.seeds, "split": args.split}
+    meta |= {"encoders": args.ckpt.name, "epochs": args.epochs, "use_amp": args.use_amp}
+    meta |= {"seeds": args.seeds, "split": args.split}
     write_json(args.out / "ablations.json", {"meta": meta, "rows": rows})
     text = table(rows, args, dataset.class_names)
     write_text(args.out / "ablations.md", text + "\n")
