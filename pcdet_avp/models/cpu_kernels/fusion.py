@@ -1,7 +1,8 @@
 """AdaFusion: statistics, both adaptive maps and their mixture in three passes over the maps.
 
 What stands in absent cells is never read. The 3D convolution runs over channels that lie side by side in memory, so
-that its 54 products of a cell need no maps with banded weights.
+that its 54 products of a cell need no maps with banded weights; of the pooled maps that it reads there are never more
+than three rows.
 """
 
 from __future__ import annotations
@@ -43,18 +44,18 @@ def samples_of(maps: dict[int, Tensor], masks: dict[int, Tensor], fuser: nn.Modu
 def fuse_sample(fuser: nn.Module, maps: tuple, masks: tuple, out: np.ndarray) -> tuple[np.ndarray, ...]:
     """maps (H, W, C) and masks (H, W) bool of all slots; ``out`` (H, W, C) receives the result.
 
-    Returns what the backward pass needs: both pooled maps, the maxima and means of all maps, both mixed maps, and the
-    maxima and means of those.
+    Returns what the backward pass needs: the maxima and means of all maps, both mixed maps, and the maxima and means of
+    those.
     """
-    padded, highest, mean = pool(maps, masks)
+    highest, mean = statistics(maps, masks)
     W = fuser.channel.map_weights(list(range(len(maps))), _row(highest), _row(mean))[0].numpy()
     # (map, channel shift, row, column) -> (row and column, map and shift)
     kernel = array_of(fuser.spatial.conv.weight)[0].transpose(2, 3, 0, 1).reshape(9, 6)
     bias = np.float32(fuser.spatial.conv.bias.item())
-    mixed, mixed_highest, mixed_mean = adapt(padded, maps, masks, W, kernel, bias, fuser.channel.original_form)
+    mixed, mixed_highest, mixed_mean = adapt(maps, masks, W, kernel, bias, fuser.channel.original_form)
     W = fuser.combine.map_weights([0, 1], _row(mixed_highest), _row(mixed_mean))[0].numpy()
     combine(mixed, masks, shares_of_two(W, fuser.combine.original_form), out)
-    return padded, highest, mean, mixed, mixed_highest, mixed_mean
+    return highest, mean, mixed, mixed_highest, mixed_mean
 
 
 def _row(values: np.ndarray) -> Tensor:
@@ -69,23 +70,30 @@ def shares_of_two(W: np.ndarray, original_form: bool) -> np.ndarray:
     return W / max(total, EPS) if total > 0 else np.full(2, 0.5, np.float32)
 
 
-def pool(maps: tuple, masks: tuple) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Over the present maps of each cell their maximum and mean, with a cell of zeros around the map and a channel of
-    zeros before and behind (2, H + 2, W + 2, C + 2); and the maximum and mean of every map (n,)."""
-    height, width, channels = maps[0].shape
-    padded = np.zeros((2, height + 2, width + 2, channels + 2), np.float32)
+def statistics(maps: tuple, masks: tuple) -> tuple[np.ndarray, np.ndarray]:
+    """The maximum and mean of every map (n,) over the cells where it is present, zero where it has none."""
+    height, _, channels = maps[0].shape
     of_rows = _row_statistics(height, len(maps), channels)
-    in_bands(lambda begin, end: _pool_rows(maps, masks, begin, end, padded, *of_rows), height)
-    return padded, *_statistics(*of_rows)
+    in_bands(lambda begin, end: _row_numbers(maps, masks, begin, end, *of_rows), height)
+    return _statistics(*of_rows)
 
 
-def adapt(padded, maps, masks, W, kernel, bias, original_form) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def pool(maps: tuple, masks: tuple) -> np.ndarray:
+    """Over the present maps of each cell their maximum and mean, with a cell of zeros around the map and a channel of
+    zeros before and behind (H + 2, 2, W + 2, C + 2)."""
+    height, width, channels = maps[0].shape
+    padded = np.zeros((height + 2, 2, width + 2, channels + 2), np.float32)
+    in_bands(lambda begin, end: _pool_rows(maps, masks, begin, end, padded), height)
+    return padded
+
+
+def adapt(maps, masks, W, kernel, bias, original_form) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The spatially adaptive map and the weighted sum of the maps (H, W, 2, C), where any is present; their maximum
     and mean over those cells (2,)."""
     height, width, channels = maps[0].shape
     mixed = np.empty((height, width, 2, channels), np.float32)
     of_rows = _row_statistics(height, 2, channels)
-    how = padded, maps, masks, W, kernel, bias, original_form
+    how = maps, masks, W, kernel, bias, original_form
     in_bands(lambda begin, end: _adapt_rows(*how, begin, end, mixed, *of_rows), height)
     return mixed, *_statistics(*of_rows)
 
@@ -105,15 +113,37 @@ def _statistics(tops: np.ndarray, sums: np.ndarray, counts: np.ndarray) -> tuple
 
 
 @numba.njit(**OPTIONS)
-def _pool_rows(maps, masks, begin, end, padded, tops, sums, counts):
-    """``pool`` of some rows; the last three are those of ``_row_statistics``."""
+def _row_numbers(maps, masks, begin, end, tops, sums, counts):
+    """``_row_statistics`` of some rows of the maps."""
     channels = maps[0].shape[2]
     for i in range(max(begin, 0), end):
         for j in range(maps[0].shape[1]):
-            present, high, total = 0, padded[0, i + 1, j + 1, 1:-1], padded[1, i + 1, j + 1, 1:-1]
             for n in range(len(maps)):
                 if masks[n][i, j]:
                     cell, top, row_sum = maps[n][i, j], tops[i, n], sums[i, n]
+                    for c in range(channels):
+                        top[c] = max(top[c], cell[c])
+                        row_sum[c] += cell[c]
+                    counts[i, n] += 1
+
+
+@numba.njit(**OPTIONS)
+def _pool_rows(maps, masks, begin, end, padded):
+    for i in range(max(begin, 0), end):
+        _pool_row(maps, masks, i, padded[i + 1])
+
+
+@numba.njit(**OPTIONS)
+def _pool_row(maps, masks, i, pooled):
+    """Maximum and mean over the present maps of the cells of row i: pooled (2, W + 2, C + 2), whose edges stay; zeros
+    where no map is present, and in a row beyond the map."""
+    height, width, channels = maps[0].shape
+    for j in range(width):
+        present, high, total = 0, pooled[0, j + 1, 1:-1], pooled[1, j + 1, 1:-1]
+        if 0 <= i < height:
+            for n in range(len(maps)):
+                if masks[n][i, j]:
+                    cell = maps[n][i, j]
                     if present:
                         for c in range(channels):
                             high[c] = max(high[c], cell[c])
@@ -122,24 +152,28 @@ def _pool_rows(maps, masks, begin, end, padded, tops, sums, counts):
                         for c in range(channels):
                             high[c] = cell[c]
                             total[c] = cell[c]
-                    for c in range(channels):
-                        top[c] = max(top[c], cell[c])
-                        row_sum[c] += cell[c]
                     present += 1
-                    counts[i, n] += 1
-            if present > 1:
-                share = np.float32(1.0 / present)
-                for c in range(channels):
-                    total[c] *= share
+        if present > 1:
+            share = np.float32(1.0 / present)
+            for c in range(channels):
+                total[c] *= share
+        elif not present:
+            high[:] = 0
+            total[:] = 0
 
 
 @numba.njit(**OPTIONS)
-def _adapt_rows(padded, maps, masks, W, kernel, bias, original_form, begin, end, mixed, tops, sums, counts):
-    """``adapt`` of some rows; the last three are those of ``_row_statistics``."""
+def _adapt_rows(maps, masks, W, kernel, bias, original_form, begin, end, mixed, tops, sums, counts):
+    """``adapt`` of some rows; the last three are those of ``_row_statistics``. Row i - 1 of the pooled maps lies in
+    place i % 3 of ``near``, and so on."""
     width, channels = maps[0].shape[1:]
     convolved = np.empty((width, channels + 2), np.float32)
+    near = np.zeros((3, 2, width + 2, channels + 2), np.float32)
+    for i in range(begin - 1, begin + 1):
+        _pool_row(maps, masks, i, near[(i + 1) % 3])
     for i in range(max(begin, 0), end):
-        _convolve_row(padded, i, kernel, bias, convolved.reshape(-1))
+        _pool_row(maps, masks, i + 1, near[(i + 2) % 3])
+        _convolve_row(near, i, kernel, bias, convolved.reshape(-1))
         for j in range(width):
             spatial, channel = mixed[i, j, 0], mixed[i, j, 1]
             weight, present = np.float32(0), 0
@@ -178,15 +212,14 @@ def share_of(weight, total, present, original_form):
 
 
 @numba.njit(**OPTIONS)
-def _convolve_row(padded, i, kernel, bias, out):
+def _convolve_row(near, i, kernel, bias, out):
     """The 3 x 3 x 3 convolution of both pooled maps over one row of cells: out (W * (C + 2)), of each cell C numbers
     and two that mean nothing. The row is one long line in memory, on which a shift by a column is one by C + 2."""
-    step = padded.shape[3]
+    step = near.shape[3]
     out[:] = bias
     for place in range(9):
-        start = (place % 3) * step
-        high = padded[0, i + place // 3].reshape(-1)[start:]
-        mean = padded[1, i + place // 3].reshape(-1)[start:]
+        start, row = (place % 3) * step, near[(i + place // 3) % 3]
+        high, mean = row[0].reshape(-1)[start:], row[1].reshape(-1)[start:]
         a, b, c, d, e, f = kernel[place]
         for k in range(out.shape[0] - 2):
             out[k] += a * high[k] + b * high[k + 1] + c * high[k + 2] + d * mean[k] + e * mean[k + 1] + f * mean[k + 2]

@@ -73,7 +73,7 @@ def _sample_gradients(
     fuser: nn.Module, maps: tuple, masks: tuple, kept: list[np.ndarray], grad: np.ndarray, d_maps: tuple
 ) -> list[Tensor]:
     """One sample: writes d_maps (H, W, C), which are zero, for the gradient (H, W, C); those of the parameters."""
-    padded, highest, mean, mixed, mixed_highest, mixed_mean = kept
+    highest, mean, mixed, mixed_highest, mixed_mean = kept
     present = np.logical_or.reduce(masks)
     d_shares, values = products(mixed, present, grad), max(int(present.sum()) * grad.shape[2], 1)
     shares, d_top, d_mean, d_combine = _perceptron_gradients(fuser.combine, mixed_highest, mixed_mean, d_shares, True)
@@ -86,7 +86,7 @@ def _sample_gradients(
     counts = np.array([max(int(mask.sum()) * grad.shape[2], 1) for mask in masks])
     kernel = array_of(fuser.spatial.conv.weight)[0].transpose(2, 3, 0, 1)  # row, column, map, channel shift
     flipped = np.ascontiguousarray(kernel[::-1, ::-1, :, ::-1]).reshape(9, 6)
-    per_value = (d_mean / counts).astype(np.float32)
+    per_value, padded = (d_mean / counts).astype(np.float32), fusion.pool(maps, masks)
     add_to_maps(d_pre, padded, maps, masks, W, *wanted, grad, flipped, per_value, fuser.channel.original_form, d_maps)
     for n, mask in enumerate(masks):
         row, column, channel = first_place_of(maps[n], mask, highest[n])

@@ -1,6 +1,6 @@
 """The passes over one sample's maps that make up AdaFusion's backward pass (see ``fusion_gradient``).
 
-Arrays as in ``fusion``: maps (H, W, C) and masks (H, W) of all slots, mixed (H, W, 2, C), padded (2, H + 2, W + 2,
+Arrays as in ``fusion``: maps (H, W, C) and masks (H, W) of all slots, mixed (H, W, 2, C), padded (H + 2, 2, W + 2,
 C + 2). ``shares`` (2,) are what both mixed maps count in the answer, whose gradient is ``grad`` (H, W, C).
 ``each`` (2,) and ``d_top`` (2,) are the gradients of one value of each mixed map through its mean and its maximum; the
 latter stands at ``tops`` (2, 3).
@@ -133,7 +133,7 @@ def add_to_maps(
 @numba.njit(**OPTIONS)
 def _add_to_highest(padded, maps, masks, i, j, d_high, start, d_maps):
     """A maximum's gradient goes to the first present map that attains it."""
-    high = padded[0, i + 1, j + 1]
+    high = padded[i + 1, 0, j + 1]
     for c in range(padded.shape[3] - 2):
         for n in range(len(maps)):
             if masks[n][i, j] and maps[n][i, j, c] == high[c + 1]:
@@ -164,8 +164,8 @@ def convolve_gradients(d_pre, padded):
         line = d_pre[i + 1].reshape(-1)[step + 1 :]
         for place in range(9):
             start = (place % 3) * step
-            high = padded[0, i + place // 3].reshape(-1)[start:]
-            mean = padded[1, i + place // 3].reshape(-1)[start:]
+            high = padded[i + place // 3, 0].reshape(-1)[start:]
+            mean = padded[i + place // 3, 1].reshape(-1)[start:]
             a = b = c = d = e = f = np.float32(0)
             for k in range(width * step - 2):
                 a += line[k] * high[k]
