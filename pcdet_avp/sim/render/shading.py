@@ -154,6 +154,17 @@ def look_at_surfaces(eye, columns, tables, light, standing_faces, surfaces, sour
             brightest[i, k], numbers[i, k], values[j] = values[j], j, ZERO
 
 
+@numba.njit(inline="always")
+def _place_of_light(j, ci, cj, lamps, beams, dither, halogen):
+    """Hue of the light with the number j in cell ci, cj, and the point of it to which a pixel's shadow ray goes."""
+    if j < LAMPS_PER_CELL:  # somewhere along the tube
+        x, y, z = lamps[ci, cj, j, 0], lamps[ci, cj, j, 1], lamps[ci, cj, j, 2]
+        return int(lamps[ci, cj, j, 4]), x + dither * HALF_TUBE, y, z - LAMP_BIAS_M
+    m = j - LAMPS_PER_CELL  # one of a pair of head lamps
+    side = LAMP_HALF_GAUGE_M if dither > ZERO else -LAMP_HALF_GAUGE_M
+    return halogen, beams[m, 0, 0] + side * beams[m, 2, 0], beams[m, 0, 1] + side * beams[m, 2, 1], beams[m, 0, 2]
+
+
 @numba.njit(cache=True, fastmath=True, nogil=True)
 def shade(width, columns, tables, light, beams, beam_power, kept, surfaces, seen, shadows, sources=SOURCES):
     """Fill radiance, depth and instance of a band of pixels; list its shadow rays. Returns their number.
@@ -215,16 +226,7 @@ def shade(width, columns, tables, light, beams, beam_power, kept, surfaces, seen
         ci, cj = cell(px, py, origin, lamps.shape[0], lamps.shape[1])
         for k in range(rays_here):
             value = strength[k] * (ONE + max(rest, ZERO) * (ONE - UNSHADOWED_SHARE) / listed)
-            j, m, dither = chosen[k], chosen[k] - LAMPS_PER_CELL, _dither(i, width)
-            if m < 0:  # somewhere along the tube
-                hue = int(lamps[ci, cj, j, 4])
-                tx, ty = lamps[ci, cj, j, 0] + dither * HALF_TUBE, lamps[ci, cj, j, 1]
-                tz = lamps[ci, cj, j, 2] - LAMP_BIAS_M
-            else:  # one of a pair of head lamps
-                hue = halogen
-                side = LAMP_HALF_GAUGE_M if dither > ZERO else -LAMP_HALF_GAUGE_M
-                tx, ty = beams[m, 0, 0] + side * beams[m, 2, 0], beams[m, 0, 1] + side * beams[m, 2, 1]
-                tz = beams[m, 0, 2]
+            hue, tx, ty, tz = _place_of_light(chosen[k], ci, cj, lamps, beams, _dither(i, width), halogen)
             ox, oy, oz = px + SHADOW_BIAS_M * nx, py + SHADOW_BIAS_M * ny, pz + SHADOW_BIAS_M * nz
             ray_origin[count, 0], ray_origin[count, 1], ray_origin[count, 2] = ox, oy, oz
             ray_direction[count, 0], ray_direction[count, 1], ray_direction[count, 2] = tx - ox, ty - oy, tz - oz
