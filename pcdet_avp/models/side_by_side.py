@@ -56,6 +56,7 @@ def side_by_side(tasks: Sequence[Callable[[], T]]) -> list[T]:
             first = tasks[0]()
         finally:
             torch.set_num_threads(1)  # as a task has in any other thread
+            _others.set(())  # and it waits for nobody there
             ended = [_ended(other, task) for other, task in zip(others, tasks[1:], strict=True)]
     return [first, *(result() for result in ended)]
 

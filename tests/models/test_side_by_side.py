@@ -73,6 +73,26 @@ def test_operations_have_one_core_while_tasks_share_them_and_all_when_the_others
     assert torch.get_num_threads() == cores() == 2
 
 
+def test_a_task_that_the_caller_takes_over_is_computed_as_in_a_thread(two_threads):
+    """The only thread is busy with somebody else's work: what operations round must not depend on that."""
+    begun, release = threading.Event(), threading.Event()
+
+    def busy():
+        begun.set()
+        return release.wait(5)
+
+    def later():
+        take_all_cores()
+        release.set()
+        return torch.get_num_threads(), threading.get_ident()
+
+    elsewhere = threading.Thread(target=side_by_side, args=([lambda: release.wait(5), busy],))
+    elsewhere.start()
+    assert begun.wait(20)
+    assert side_by_side([int, later])[1] == (1, threading.get_ident())
+    elsewhere.join()
+
+
 def test_operations_have_the_cores_that_other_tasks_leave(two_threads):
     torch.set_num_threads(5)
     assert side_by_side([torch.get_num_threads] * 3) == [3, 1, 1]

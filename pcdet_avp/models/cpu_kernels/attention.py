@@ -145,7 +145,7 @@ def sample_rows(table, row_of, query_of, offsets, shares, stride, head) -> tuple
     if len(of_bands) == 1:
         return of_bands[0]
     seen, answer_of = zip(*(of_bands[begin] for begin in sorted(of_bands)), strict=True)
-    before = np.cumsum([0, *map(len, seen)])
+    before = np.cumsum([0, *map(len, seen)], dtype=np.int32)  # as one band's numbers: one kernel serves both
     numbers = [np.where(part >= 0, part + first, part) for part, first in zip(answer_of, before[:-1], strict=True)]
     return np.concatenate(seen), np.concatenate(numbers)
 

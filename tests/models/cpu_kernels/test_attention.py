@@ -1,5 +1,6 @@
 """The attention's kernels against torch's operations: answers, and gradients."""
 
+import numba
 import pytest
 import torch
 from easydict import EasyDict
@@ -50,6 +51,19 @@ def test_nothing_present_and_all_present(batch, present):
     x, _ = sparse_map(batch)
     expected, found = both(random_attention(2), x, torch.full_like(x[:, :1], present, dtype=torch.bool))
     torch.testing.assert_close(found, expected, atol=2e-5, rtol=1e-5)
+
+
+def test_bands_of_rows_change_no_bit_and_call_for_no_other_kernel(monkeypatch):
+    """For other types of arguments a kernel would be compiled anew, in the middle of a drive."""
+    attention, (x, present) = random_attention(2), sparse_map()
+    add, before, answers, types = kernels.add_answers, torch.get_num_threads(), [], []
+    monkeypatch.setattr(kernels, "add_answers", lambda *args: types.append([*map(numba.typeof, args)]) or add(*args))
+    for threads in (1, 2):
+        torch.set_num_threads(threads)
+        answers.append(both(attention, x, present)[1])
+    torch.set_num_threads(before)
+    assert torch.equal(*answers)
+    assert types[:2] == types[2:]
 
 
 @pytest.mark.parametrize("layout", ["channels_last", "every second channel", "transposed"])

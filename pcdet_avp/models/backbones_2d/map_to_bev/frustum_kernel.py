@@ -18,6 +18,9 @@ from pcdet_avp.models.precision import convolved_in_bf16
 from pcdet_avp.models.side_by_side import in_bands
 
 CHUNK_COLUMNS = 1 << 11  # at a time: their samples stay in the cache until the convolution over heights reads them
+# Of which products in bf16 have a multiple: torch generates code for every number of rows that it meets, and keeps the
+# last 1024 of them, two thirds of a megabyte each.
+PRODUCT_ROWS = 1 << 8
 NEGLIGIBLE = 1e-5  # a voxel that weighs its pixels' features no more than this holds nothing
 
 
@@ -60,25 +63,39 @@ def _seen_rows(
     dtype = torch.bfloat16 if convolved_in_bf16() else torch.float32
     columns, heights = projection.pixels.shape
     pixels, bins, where = array_of(features), array_of(probabilities), _arrays(projection)
-    out = torch.empty((columns, matrix.shape[1]), dtype=dtype)
+    out = torch.empty((columns, matrix.shape[1]), dtype=torch.float32)
     kept, found, matrix = np.empty(columns, np.int64), {}, matrix.to(dtype)
 
     def collapse_some(begin: int, end: int) -> None:
         """Those of the columns from ``begin`` to ``end``, from row ``begin`` of ``out`` on."""
-        samples = torch.empty((min(CHUNK_COLUMNS, end - begin), heights, pixels.shape[1]), dtype=dtype)
+        most = min(CHUNK_COLUMNS, end - begin)
+        samples = torch.empty((_whole_steps(most), heights, pixels.shape[1]), dtype=dtype)
         of_band, column, row = [a[:end] for a in where], begin, begin
         while column < end:
             n, column = sample_seen_voxels(
-                pixels, bins, *of_band, projection.image_size[1], column, bits_of(samples), kept[row:]
+                pixels, bins, *of_band, projection.image_size[1], column, bits_of(samples[:most]), kept[row:]
             )
-            torch.mm(samples[:n].view(n, len(matrix)), matrix, out=out[row : row + n])  # n may be 0
+            _multiply(samples.flatten(1), n, matrix, out[row : row + n])  # n may be 0
             row += n
         found[begin] = row
 
     in_bands(collapse_some, columns)
     bands = [slice(begin, end) for begin, end in sorted(found.items())]
-    rows = torch.cat([out[band].float() for band in bands]) if len(bands) > 1 else out[bands[0]].float()
+    rows = torch.cat([out[band] for band in bands]) if len(bands) > 1 else out[bands[0]]
     return array_of(rows), array_of(projection.columns)[np.concatenate([kept[band] for band in bands])]
+
+
+def _multiply(samples: Tensor, n: int, matrix: Tensor, out: Tensor) -> None:
+    """Write the first ``n`` of samples (k, Z * C) times matrix (Z * C, C_out), both float32 or bf16, to ``out`` (n,
+    C_out), float32."""
+    if matrix.dtype == torch.float32:
+        torch.mm(samples[:n], matrix, out=out)
+    else:
+        out.copy_(torch.mm(samples[: _whole_steps(n)], matrix)[:n])
+
+
+def _whole_steps(rows: int) -> int:
+    return -(-rows // PRODUCT_ROWS) * PRODUCT_ROWS
 
 
 def _arrays(projection: VoxelProjection) -> list[np.ndarray]:

@@ -116,6 +116,22 @@ def test_in_bf16_the_map_is_the_same_but_for_rounding():
     torch.testing.assert_close(rough, exact, atol=0.01 * float(exact.abs().max()), rtol=0)
 
 
+def test_in_bf16_products_come_in_few_sizes_with_the_same_bits(monkeypatch):
+    """However many columns hold anything: for every new size code would be generated, and kept."""
+    to_bev, (features, logits, matrix), multiply = head(), images(1), torch.mm
+    sizes, maps = {1: set(), 64: set()}, {1: [], 64: []}
+    for step in sizes:
+        monkeypatch.setattr(kernels, "PRODUCT_ROWS", step)
+        monkeypatch.setattr(torch, "mm", lambda a, *b, of=sizes[step], **out: of.add(len(a)) or multiply(a, *b, **out))
+        for sure in range(6):  # of its depth a pixel is more and more
+            logits[:, 3] = 3.0 * sure
+            with torch.no_grad(), computing_in("bf16"):
+                maps[step].append(to_bev(features, logits, matrix, BINS, SIZE, STRIDE)[0])
+    assert len(sizes[1]) > 2
+    assert sizes[64] <= set(range(0, 24 * 20 + 64, 64))
+    assert torch.equal(torch.cat(maps[1]), torch.cat(maps[64]))
+
+
 def gradients(to_bev, features, logits, matrix):
     """Of random sums of the maps: for features, logits and all weights."""
     inputs = [features.clone().requires_grad_(), logits.clone().requires_grad_()]
