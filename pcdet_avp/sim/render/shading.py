@@ -74,7 +74,7 @@ def _corner_normal(normals, f, u, v, dx, dy, dz):
 @numba.njit(fastmath=True)
 def _pattern(material, px, py, pz, nx, nz, distance):
     """Albedo factor of textured surfaces."""
-    sharpness = min(ONE, F(7.0) / distance)
+    sharpness = ONE if distance < F(7.0) else F(7.0) / distance  # distance is 0 for a camera on a wall
     if material == FLOOR:
         return floor(px, py, sharpness)
     if abs(nz) > F(0.7):

@@ -68,6 +68,13 @@ def test_the_floors_depth_is_the_analytic_one():
     np.testing.assert_allclose(depth[150:, 240], 1.8 * 240 / (v + 0.5 - 135), rtol=1e-4)
 
 
+def test_a_camera_may_stand_exactly_on_a_wall():
+    """As ``World`` puts the vehicle before anybody moves it: in the plane of the wall behind the road's beginning."""
+    wall = quad((0, -9, 0), (0, 9, 0), (0, 9, 4), (0, -9, 4), GREY, Material.CONCRETE), -1
+    seen = picture([floor(), wall])
+    assert np.isfinite(seen.depth).all()
+
+
 def test_a_pitched_cameras_depth_agrees_with_projection():
     camera = PinholeCamera.looking_ahead(320, 180, np.pi / 2, 0.5, 7.0, pitch_down=np.radians(30))
     depth = picture([floor()], camera=camera).depth
