@@ -252,13 +252,13 @@ def test_splits_may_be_told(foreign, tmp_path):
 
 
 def test_the_tool_says_what_it_left_out(foreign, tmp_path, monkeypatch, capsys):
-    words = ["import_data.py", "--format", "dair_v2x", "--src", foreign.dair_v2x, "--out", tmp_path / "set"]
+    words = ["import_data.py", "--format", "dair_v2x", "--src", foreign.dair_v2x, "--out", tmp_path / "my set"]
     monkeypatch.setattr(sys, "argv", [str(word) for word in words])
     import_data.main()
     out = capsys.readouterr().out
     assert "4 x label of type Cyclist left out (first: " in out
     assert "4 x label without a size left out" in out
-    assert f"wrote {tmp_path / 'set'}: train " in out
+    assert f"wrote {tmp_path / 'my set'}: train " in out
     assert 'CLASS_NAMES "[Car]"' in out
     # What it prints is a command that works: the shipped configuration with these words makes a network.
     words = shlex.split(out.partition("--set ")[2])
