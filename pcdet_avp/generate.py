@@ -23,6 +23,7 @@ from pcdet_avp.errors import ConfigError
 from pcdet_avp.parallel import run_tasks
 from pcdet_avp.sim.plans.read import read_plan
 from pcdet_avp.sim.rig import Rig, capture
+from pcdet_avp.sim.scenarios.plan_scene import floors_with_units
 from pcdet_avp.sim.scenarios.training_scene import draw_training_scene
 from pcdet_avp.structures.frame import Frame
 from pcdet_avp.structures.sensor_set import SOURCES
@@ -84,7 +85,9 @@ def plan(data_cfg: Mapping, frames: int | None = None, seed: int | None = None) 
             "DATA_CONFIG.ROADSIDE_UNITS: data sets are made with the one unit at the mast; leave it out here"
         )
     if settings.get("PLAN"):
-        made_by["PLAN_SHA256"] = hashlib.sha256(Path(read_plan(settings["PLAN"]).file).read_bytes()).hexdigest()
+        garage = read_plan(settings["PLAN"])
+        floors_with_units(garage)
+        made_by["PLAN_SHA256"] = hashlib.sha256(Path(garage.file).read_bytes()).hexdigest()
     per_scene = require(settings, "FRAMES_PER_SCENE", int)
     total = require(settings, "SCENES", int) * per_scene if frames is None else frames
     if total < 1 or per_scene < 1:

@@ -25,12 +25,13 @@ from pcdet_avp.datasets.avp.record import read_frame
 from pcdet_avp.engine import checkpoint, distributed
 from pcdet_avp.engine.outputs import RunFolder, choose_checkpoint
 from pcdet_avp.engine.testing.run import load_network
+from pcdet_avp.errors import ConfigError
 from pcdet_avp.models.export.quantise import FLOAT32, INT8, Calibration
 from pcdet_avp.models.export.write import export_network
 from pcdet_avp.models.weights.checkpoint_file import THRESHOLDS_KEY
 from pcdet_avp.structures.sensor_set import SensorSet
 
-PRECISIONS, CALIBRATION_SPLIT = (FLOAT32, INT8), "train"
+PRECISIONS, CALIBRATION_SPLIT, CALIBRATION_FRAMES = (FLOAT32, INT8), "train", 8
 
 
 def parse_arguments() -> argparse.Namespace:
@@ -38,7 +39,9 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--ckpt", type=path, help=CKPT_HELP)
     parser.add_argument("--out", type=path, required=True, metavar="DIR", help="folder; an earlier export is replaced")
     parser.add_argument("--precision", choices=PRECISIONS, default=FLOAT32, help="the network's (default: float32)")
-    parser.add_argument("--calibration", type=positive_int, default=8, help="frames for int8's ranges (default: 8)")
+    parser.add_argument(
+        "--calibration", type=positive_int, help=f"frames for int8's ranges (default: {CALIBRATION_FRAMES})"
+    )
     return parser.parse_args()
 
 
@@ -54,12 +57,14 @@ def calibration_frames(cfg: Mapping, how: PrepareConfig, count: int) -> Calibrat
 
 def main() -> None:
     args, logger = parse_arguments(), logging.getLogger("export")
+    if args.calibration is not None and args.precision != INT8:
+        raise ConfigError(f"--calibration: frames for the ranges of --precision {INT8}, found {args.precision}")
     cfg, ranks = load_arguments_config(args), distributed.start(device="cpu", alone=True)
     ckpt = choose_checkpoint(args.ckpt, args.cfg, RunFolder.of(args.cfg).checkpoints, print)
     network_input = NetworkInput.from_config(require(cfg, "DATA_CONFIG", dict), cfg.CLASS_NAMES)
     how, calibration = network_input.prepare_config, None
     if args.precision == INT8:
-        calibration = calibration_frames(cfg, how, args.calibration)
+        calibration = calibration_frames(cfg, how, args.calibration or CALIBRATION_FRAMES)
     model, content = load_network(cfg, ckpt, network_input, ranks, logger)
     facts = {
         "config": Path(args.cfg).stem,

@@ -6,6 +6,7 @@ Prints what was left out and what was repaired; docs/own_data.md says what each 
 from __future__ import annotations
 
 import argparse
+import shlex
 from functools import partial
 
 from pcdet_avp.argument_types import Parser, non_negative_int, path
@@ -34,8 +35,8 @@ def main() -> None:
     for line in recording.notes.lines():
         print(line)
     print(f"wrote {out}: " + ", ".join(f"{split} {count} frames" for split, count in manifest.frame_counts.items()))
-    classes = f' CLASS_NAMES "[{", ".join(manifest.class_names)}]"'
-    print(f"read it with: {' '.join(program('train'))} --cfg C --set DATA_CONFIG.DATA_PATH {out}{classes}")
+    where, classes = shlex.quote(str(out)), f' CLASS_NAMES "[{", ".join(manifest.class_names)}]"'
+    print(f"read it with: {' '.join(program('train'))} --cfg C --set DATA_CONFIG.DATA_PATH {where}{classes}")
 
 
 run = partial(run_tool, main)

@@ -92,15 +92,16 @@ def quantise(
 
     ``boxes`` (n, 7) x, y, z of the centre, dx, dy, dz, heading (metres, radians) in the station's frame; ``scores``
     (n,) in [0, 1], coded as the class's confidence in whole percent, at least 1; ``velocities`` (n, 2) in m/s along
-    the same axes, NaN or None where unknown; ``ids`` (n,) are the places in the list by default.
+    the same axes, NaN or None where unknown; ``ids`` (n,) are the places in the list by default; ``delta_times_s``
+    (n,), or one for all, in seconds after the message's own time.
 
-    Raises PacketError where a box or score is not a number, a size not positive, a class not known to the message, or
-    where there are more objects than one message holds.
+    Raises PacketError where a box, score or time is not a number, a size not positive, a class not known to the
+    message, or where there are more objects than one message holds.
     """
     boxes, scores = _checked(boxes, names, scores)
     objects = np.zeros(len(boxes), OBJECT)
     objects["id"] = np.arange(len(boxes)) if ids is None else _checked_ids(ids, len(boxes))
-    objects["delta_time"] = _codes(np.asarray(delta_times_s, float), DELTA_TIME_STEP_S, *DELTA_TIME_RANGE)
+    objects["delta_time"] = _codes(_checked_times(delta_times_s, len(boxes)), DELTA_TIME_STEP_S, *DELTA_TIME_RANGE)
     objects["position"] = _codes(boxes[:, :3], POSITION_STEP_M, *POSITION_RANGE)
     objects["size"] = _codes(boxes[:, 3:6], SIZE_STEP_M, *SIZE_RANGE)
     objects["yaw"] = np.ceil(np.degrees(boxes[:, 6]) / YAW_STEP_DEG - SLACK) % YAW_CODES
@@ -145,7 +146,7 @@ def _velocity_codes(velocities: np.ndarray | None, count: int) -> np.ndarray:
     velocities = np.asarray(velocities, float)
     if velocities.shape != (count, 2):
         raise PacketError(f"CPM: expected velocities of shape {(count, 2)}, found {velocities.shape}")
-    known = np.isfinite(velocities)
+    known = ~np.isnan(velocities)
     return np.where(
         known, _codes(np.where(known, velocities, 0), VELOCITY_STEP_MPS, *VELOCITY_RANGE), VELOCITY_UNAVAILABLE
     )
@@ -173,3 +174,10 @@ def _checked_ids(ids: np.ndarray, count: int) -> np.ndarray:
     if ids.shape != (count,) or ids.dtype.kind not in "iu" or (count and not 0 <= ids.min() <= ids.max() <= MAX_ID):
         raise PacketError(f"CPM: expected {count} whole numbers from 0 to {MAX_ID} as ids, found {ids.tolist()}")
     return ids
+
+
+def _checked_times(delta_times_s: np.ndarray | float, count: int) -> np.ndarray:
+    times = np.asarray(delta_times_s, float)
+    if times.shape not in ((), (count,)) or np.isnan(times).any():
+        raise PacketError(f"CPM: expected a time of measurement, or {count}, in seconds, found {times.tolist()}")
+    return times

@@ -69,6 +69,7 @@ class Stream:
     def take(self, now_us: float, max_age_us: float) -> LatentMap | None:
         """The newest map worth using of those captured at most so long before ``now_us``, or after it: a capture from
         the future is that of a wrong clock, and would never grow old."""
+        self._forget_after(now_us + max_age_us + RESTART_US)
         held = {f: partial for f, partial in self.maps.items() if abs(now_us - partial.stamp.time_us) <= max_age_us}
         if not held:
             return None
@@ -76,6 +77,13 @@ class Stream:
         self.last_used = max(frame for frame, partial in held.items() if partial.cells_present >= enough)
         self.maps = {frame: partial for frame, partial in held.items() if frame >= self.last_used}
         return self.maps[self.last_used].as_map()
+
+    def _forget_after(self, latest_us: float) -> None:
+        """Maps of a clock that is far ahead would refuse the younger ones as late, for hours after it was set right."""
+        if self._newest_us > latest_us:
+            self.maps = {frame: partial for frame, partial in self.maps.items() if partial.stamp.time_us <= latest_us}
+            self._newest_us = latest_us
+            self._count_from_us = self._count_from_us if self._count_from_us <= latest_us else 0
 
     @property
     def elements(self) -> int:

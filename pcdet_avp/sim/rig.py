@@ -98,8 +98,8 @@ class Rig:
     def units_in(self, world: World) -> tuple[PlacedRig, ...]:
         """The sensors of every roadside unit, by number."""
         if not self.units:
-            rig = self.infra.hung_as(world.unit)
-            return (PlacedRig("infra", rig, world.world_from_infra, world.infra_tracer, INFRA_SOURCES),)
+            rig, sources = self.infra.hung_as(world.unit), INFRA_SOURCES if world.unit is None else world.unit.sources
+            return (PlacedRig("infra", rig, world.world_from_infra, world.infra_tracer, sources),)
         return tuple(
             PlacedRig("infra", rig, unit.world_from_unit, world.infra_tracer, unit.sources, number)
             for number, (unit, rig) in enumerate(self.units)
@@ -154,9 +154,11 @@ def capture(
 
     ``key`` (for example seed, scene, frame) fixes all sensor noise; each sensor has a random stream of its own,
     so that a sensor's data do not depend on which others are captured. ``threads``: so many sensors at the same
-    time, with the same bytes; one where processes run side by side already.
+    time, with the same bytes; one where processes run side by side already. Of the world's own unit (``World.unit``)
+    both sensors are captured, whichever it has: ``sources`` alone says what is recorded.
     """
     ego, infra = _of_one_unit(rig.placed_in(world))
+    infra = infra if rig.units else infra._replace(sources=INFRA_SOURCES)
     seen = _captured(_sensors((ego, infra), key, sources), world, threads)
     instances = {f"{agent}_{modality}": found[-1] for (agent, _, modality), found in seen.items()}
     return Frame(frame_id, world.time_s, _view(ego, seen), _view(infra, seen), _labels(world, rig, instances))

@@ -74,7 +74,9 @@ def test_nothing_is_off_by_more_than_half_a_step_and_nothing_on_average():
 
 def test_what_was_received_is_sent_on_unchanged():
     rng = np.random.default_rng(2)
-    sent = quantise(random_boxes(rng, 100), ["Car"] * 100, rng.uniform(0.01, 1, 100), rng.uniform(-9, 9, (100, 2)))
+    speeds = rng.uniform(-9, 9, (100, 2))
+    speeds[:2] = [200, -200], [np.nan, 0]  # out of range stays out of range, and does not become unknown
+    sent = quantise(random_boxes(rng, 100), ["Car"] * 100, rng.uniform(0.01, 1, 100), speeds)
     got = dequantise(sent)
     np.testing.assert_array_equal(quantise(*got[:3], got.velocities, got.ids, got.delta_times_s), sent)
 
@@ -149,7 +151,7 @@ def test_what_cannot_be_coded_is_refused(box, name, score, message):
         quantise(np.array([box]), [name], np.array([score]))
 
 
-def test_too_many_objects_and_foreign_ids_are_refused():
+def test_too_many_objects_and_foreign_ids_and_times_are_refused():
     many = np.tile(BOX, (256, 1))
     with pytest.raises(PacketError, match="at most 255 objects in a message, found 256"):
         quantise(many, ["Car"] * 256, np.full(256, 0.5))
@@ -158,6 +160,9 @@ def test_too_many_objects_and_foreign_ids_are_refused():
             quantise(np.array([BOX]), ["Car"], np.array([0.5]), ids=np.array(ids))
     with pytest.raises(PacketError, match="velocities of shape"):
         quantise(np.array([BOX]), ["Car"], np.array([0.5]), np.zeros((1, 3)))
+    for times in (np.nan, [np.nan], [0.1, 0.2], [[0.1]]):
+        with pytest.raises(PacketError, match="expected a time of measurement, or 1, in seconds"):
+            quantise(np.array([BOX]), ["Car"], np.array([0.5]), delta_times_s=times)
 
 
 @pytest.mark.parametrize(

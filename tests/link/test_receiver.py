@@ -133,6 +133,20 @@ def test_a_map_from_the_future_hides_none_of_the_present():
     assert receiver.take("lidar", now_us=160_000).stamp.frame_id == 3
 
 
+@pytest.mark.parametrize("ahead_frames", [100, -100])
+def test_a_unit_is_heard_as_soon_as_its_clock_is_set_right(ahead_frames):
+    """It was an hour ahead for four frames; their numbers were ahead as well, or those of a count begun anew."""
+    receiver, hour_us = Receiver(max_age_us=100_000), 3_600_000_000
+    push_all(receiver, segments(200))
+    assert receiver.take("lidar", now_us=10_000_000).stamp.frame_id == 200
+    for k in range(1, 5):
+        push_all(receiver, segments(200 + ahead_frames + k, time_us=10_000_000 + hour_us + 50_000 * k))
+        assert k < 3 or receiver.take("lidar", now_us=10_000_000 + 50_000 * k) is None
+    for k in range(5, 8):
+        assert all(push_all(receiver, segments(200 + k)))
+        assert receiver.take("lidar", now_us=10_000_000 + 50_000 * k).stamp.frame_id == 200 + k
+
+
 def test_damaged_foreign_and_contradicting_segments_are_as_if_they_had_not_come(receiver):
     payloads = segments(3)
     other_shape = encode(np.ones((1, 2, 2)), MapStamp(3, 150_000, "lidar", 0, 0, 0), MAX_SEGMENT)

@@ -9,7 +9,7 @@ from pcdet_avp.config import load_config
 from pcdet_avp.errors import SensorError
 from pcdet_avp.sim.rig import Rig, capture, observe, observe_units, sensor_rng
 from pcdet_avp.sim.scenarios.training_scene import draw_training_scene
-from pcdet_avp.structures.roadside_unit import mounted_units
+from pcdet_avp.structures.roadside_unit import MountedUnit, mounted_units
 from pcdet_avp.structures.sensor_set import SOURCES
 
 SENSORS = load_config(Path(__file__).parents[2] / "cfgs" / "dataset_configs" / "avp_tiny.yaml").SENSORS
@@ -63,6 +63,19 @@ def test_a_unit_s_points_lie_where_the_mast_s_do(world):
         floor = cloud[cloud[:, 2] < 0.05]
         assert len(floor) > 100
         assert np.abs(floor[:, 2]).max() < 0.01
+
+
+def test_the_unit_of_a_plan_has_the_sensors_that_the_plan_gives_it(world, monkeypatch):
+    """At the wheel. What a data set records is said elsewhere (``GENERATE.SOURCES``)."""
+    rig = Rig.from_config(SENSORS)
+    for camera, lidar in ((True, False), (False, True)):
+        monkeypatch.setattr(world, "unit", MountedUnit(0.0, 0.0, 7.0, np.pi, np.pi / 6, camera, lidar))
+        infra = observe(world, rig, KEY, "0/0", SOURCES).infra
+        assert (infra.image is not None, infra.points is not None) == (camera, lidar)
+        assert [unit.sources for unit in rig.units_in(world)] == [world.unit.sources]
+    infra = capture(world, rig, KEY, "0/0", SOURCES[2:]).infra
+    assert infra.image is not None
+    assert infra.points is not None
 
 
 def test_height_pitch_and_yaw_are_those_of_the_unit(world):

@@ -41,6 +41,14 @@ def test_arguments_that_do_not_belong_together(call, arguments, words):
         call(safety_eval, *arguments, "--scenario", "t_junction", "--perception", "model")
 
 
+def test_frames_for_int8_belong_to_int8(monkeypatch):
+    monkeypatch.setattr(
+        sys, "argv", ["export.py", "--cfg", "cfgs/avp/cp_tiny.yaml", "--out", "x", "--calibration", "9"]
+    )
+    with pytest.raises(ConfigError, match="--calibration: frames for the ranges of --precision int8, found float32"):
+        export.main()
+
+
 def test_a_runtime_belongs_to_the_network(call):
     with pytest.raises(ConfigError, match=r"--runtime, .* belong to --perception model, found blind"):
         call(

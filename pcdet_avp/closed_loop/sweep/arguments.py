@@ -28,7 +28,7 @@ from pcdet_avp.runtime_arguments import check_runtime_arguments, precision_on_cp
 from pcdet_avp.sim.plans.read import read_plan
 from pcdet_avp.sim.scenarios.table import ON_PLAN, find_scenario
 from pcdet_avp.structures.roadside_unit import mounted_units
-from pcdet_avp.structures.sensor_set import SENSOR_SETS
+from pcdet_avp.structures.sensor_set import SENSOR_SETS, SensorSet
 
 LOOP = "CLOSED_LOOP."
 TRIALS = 20  # of a cell, as in the paper
@@ -60,10 +60,13 @@ def sweep_of(args: argparse.Namespace, loop_file: Path) -> Sweep:
             f"--combos, --combo: perception {perception.name!r} is the same with every sensor set; expected none to be "
             f"named, found {args.combos!r}"
         )
+    combos = _named_combos(args.combos)
+    if perception.uses_sensors:
+        _check_units_on_plan(scenario.name, cfg.DATA_CONFIG, combos)
     return Sweep(
         scenario=scenario.name,
         perception=perception.name,
-        combos=_named_combos(args.combos),
+        combos=combos,
         speeds=tuple(dict.fromkeys(args.speeds)),
         trials=args.trials or TRIALS,
         seed=args.seed,
@@ -84,6 +87,21 @@ def _named_combos(text: str) -> tuple[str, ...]:
     """Names between commas, each once, in their order; ``all``."""
     names = tuple(name.strip() for name in text.split(",") if name.strip())
     return tuple(SENSOR_SETS) if names == ("all",) else tuple(dict.fromkeys(names))
+
+
+def _check_units_on_plan(scenario: str, data_cfg: dict, combos: tuple[str, ...]) -> None:
+    """ConfigError where roadside units would stand on a plan that has none, or at places of a drawn garage."""
+    _, on_plan, file = scenario.partition(ON_PLAN)
+    if not on_plan:
+        return
+    if data_cfg.get("ROADSIDE_UNITS") is not None:
+        raise ConfigError(f"DATA_CONFIG.ROADSIDE_UNITS: places in a drawn garage; expected none with the plan {file}")
+    floor, served = read_plan(file).floors[0], [name for name in combos if SensorSet.parse(name).uses_infra]
+    if served and not floor.units:
+        raise ConfigError(
+            f"{file}: floor {floor.name!r}: expected a roadside unit (units: ...) for {', '.join(served)}, found none; "
+            "--combos C+none,CL+none, or --combo C+none, do without"
+        )
 
 
 def _network(args: argparse.Namespace, overrides: tuple[str, ...]) -> dict[str, Any]:

@@ -191,7 +191,7 @@ def _view(
     if main is not None:
         pose, attributes = agent_from_world @ pose_of(poses[main.name]), main.attributes
         width, height = (int(number_of(attributes[key])) for key in ("image_size_x", "image_size_y"))
-        focal = width / (2 * np.tan(np.radians(number_of(attributes["fov"])) / 2))
+        focal = width / (2 * np.tan(np.radians(_fov_deg(attributes["fov"])) / 2))
         intrinsics = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
         view = replace(view, camera=attributes.build(unreal_camera, pose, width, height, intrinsics))
     if camera is not None:
@@ -201,6 +201,14 @@ def _view(
         _check_beside(camera, depth, poses)
         view = replace(view, depth=read_raw_depth(depth.file(frame)))
     return view
+
+
+def _fov_deg(field: Field) -> float:
+    """Degrees; at 180 the focal length would be 0."""
+    degrees = number_of(field)
+    if not 0 < degrees < 180:
+        raise field.error(f"expected degrees above 0 and below 180, found {degrees:g}")
+    return degrees
 
 
 def _check_beside(camera: Sensor | None, depth: Sensor, poses: Field) -> None:

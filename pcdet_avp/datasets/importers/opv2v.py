@@ -61,7 +61,7 @@ from pcdet_avp.structures.frame import AgentView
 from pcdet_avp.structures.pose import Pose
 
 INTERVAL_S = 0.1
-SPLITS = {"train": "train", "validate": "val", "test": "test", "test_culvercity": "test"}
+SPLITS = {"train": "train", "validate": "val", "test": "test", "test_culvercity": "test", "test_culver_city": "test"}
 CLOUD, IMAGE = "{}.pcd", "{}_camera0.png"
 _Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # ten times as fast, where libyaml is there
 

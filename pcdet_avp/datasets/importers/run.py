@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -27,7 +28,7 @@ _UNNAMEABLE = re.compile(r"[^A-Za-z0-9_\-.]")
 
 def open_recording(format_name: str, src: Path) -> Recording:
     """The recording below ``src``; RecordError where there is none of this format."""
-    return FORMATS[format_name](src)
+    return FORMATS[format_name](Path(os.path.abspath(src)))  # "." has no name, and names tell scenes and splits
 
 
 def import_recording(
@@ -43,8 +44,9 @@ def import_recording(
 
     ``splits``: scene -> split, for every scene; without it the source's own count, and where it has none scenes are
     drawn by ``seed`` (``assign_splits``). A file that is named and absent is a RecordError before anything is
-    written, or with ``skip_missing`` leaves its frame out. RecordError also where ``out`` holds something else, such as
-    another recording of the same layout whose scenes and frames have the same names.
+    written, or with ``skip_missing`` leaves its frame out. RecordError also where the source tells the splits of some
+    scenes only, and where ``out`` holds something else, such as another recording of the same layout whose scenes and
+    frames have the same names.
     """
     scenes = [_with_files(scene, recording, skip_missing) for scene in recording.scenes]
     scenes = [scene for scene in scenes if scene.frames]
@@ -102,6 +104,9 @@ def _plan(
     splits: Mapping[str, str] | None,
     seed: int,
 ) -> Manifest:
+    untold = next((scene.name for scene in scenes if scene.split is None), None)
+    if splits is None and untold is not None and any(scene.split for scene in scenes):
+        raise RecordError(f"scene {untold!r} lies in no folder of a split, as others do: name the splits with --splits")
     drawn = assign_splits([scene.name for scene in scenes], seed)
     named = [splits.get(s.name) if splits is not None else s.split or drawn[s.name] for s in scenes]
     if None in named:

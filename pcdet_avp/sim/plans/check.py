@@ -33,6 +33,11 @@ def _boxes(boxes) -> np.ndarray:
     return np.array(boxes, float).reshape(-1, 7)
 
 
+def _touch_m2(boxes: np.ndarray) -> np.ndarray:
+    """(N,) up to which shared area each of these (N, 7) only touches: a bollard is smaller than ``TOUCH_M2``."""
+    return np.minimum(TOUCH_M2, boxes[:, 3] * boxes[:, 4] / 2)
+
+
 def _slots(floor: Floor) -> Iterator[Problem]:
     slots = _boxes([slot.box for slot in floor.slots])
     shared = bev_intersection(slots, slots)
@@ -48,13 +53,14 @@ def _pillars_and_walls(floor: Floor) -> Iterator[Problem]:
     slots = _boxes([slot.box for slot in floor.slots])
     solids = floor.solid_boxes()
     on_road, in_slot = bev_intersection(solids, floor.surfaces), bev_intersection(solids, slots)
+    touch = _touch_m2(solids)
     for k, solid in enumerate(solids):
         wall = k - len(floor.pillars)
         what, line = ("pillar", _line(floor, "pillars", k)) if wall < 0 else ("wall", _line(floor, "walls", wall))
         at = f"at ({solid[0]:.1f}, {solid[1]:.1f})"
-        if on_road[k].max(initial=0.0) > TOUCH_M2:
+        if on_road[k].max(initial=0.0) > touch[k]:
             yield line, f"{what} {at} stands on a road"
-        if in_slot[k].max(initial=0.0) > TOUCH_M2:
+        if in_slot[k].max(initial=0.0) > touch[k]:
             yield line, f"{what} {at} stands in slot {_at(floor.slots[int(in_slot[k].argmax())])}"
 
 
@@ -83,7 +89,8 @@ def _ways_in(slot) -> list[np.ndarray]:
 
 def _open_side(floor: Floor, slot, way: np.ndarray, solids: np.ndarray, others: np.ndarray) -> bool:
     leads = bev_intersection(way[None], floor.surfaces).max(initial=0.0) > 0.2
-    blocked = bev_intersection(way[None], np.concatenate([solids, others])).max(initial=0.0) > TOUCH_M2
+    beside = np.concatenate([solids, others])
+    blocked = (bev_intersection(way[None], beside)[0] > _touch_m2(beside)).any()
     return bool(leads and not blocked)
 
 

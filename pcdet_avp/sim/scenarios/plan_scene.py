@@ -27,11 +27,17 @@ IN_VIEW_RAD = np.radians(50.0)
 END_M = 3.2  # a car's middle stays so far from a lane's ends
 
 
-def draw_on_plan(rng: np.random.Generator, cfg: SceneConfig, plan: Plan) -> tuple[World, Route, np.ndarray]:
-    """The world, the ego's route and the frames' times (F,) of a scene; ConfigError for a plan without a unit."""
+def floors_with_units(plan: Plan) -> list[Floor]:
+    """Those that data can be made on; ConfigError where there is none."""
     floors = [floor for floor in plan.floors if floor.units]
     if not floors:
         raise ConfigError(f"{plan.file}: expected a roadside unit (units: ...) to make data with, found none")
+    return floors
+
+
+def draw_on_plan(rng: np.random.Generator, cfg: SceneConfig, plan: Plan) -> tuple[World, Route, np.ndarray]:
+    """The world, the ego's route and the frames' times (F,) of a scene; ConfigError for a plan without a unit."""
+    floors = floors_with_units(plan)
     floor = floors[rng.integers(len(floors))]
     unit = floor.units[rng.integers(len(floor.units))]
     times = np.arange(cfg.frames) * cfg.frame_interval_s

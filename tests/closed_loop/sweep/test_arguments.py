@@ -47,6 +47,25 @@ def test_no_combination_at_all_is_refused(sweep):
         sweep("--perception", "los", "--combos", ",")
 
 
+def test_a_plan_without_a_roadside_unit_serves_no_combination_that_has_one(sweep, tmp_path):
+    text = Path("cfgs/plans/low_deck.yaml").read_text()
+    bare = tmp_path / "bare.yaml"
+    bare.write_text(text.partition("    units:\n")[0])
+    words, scenario = ("--perception", "los", "--combos"), f"pedestrian@{bare}"
+    with pytest.raises(ConfigError, match=r"expected a roadside unit \(units: ...\) for C\+C, CL\+CL, found none"):
+        sweep(*words, "C+none,C+C,CL+CL", scenario=scenario)
+    assert sweep(*words, "C+none,CL+none", scenario=scenario).combos == ("C+none", "CL+none")
+    assert sweep("--perception", "oracle", scenario=scenario).scenario == scenario  # it needs no sensors
+
+
+def test_units_of_a_drawn_garage_do_not_stand_on_a_plan(sweep):
+    """Their frame is that of the drawn garages, whose mast is its origin; on a plan each site has another one."""
+    words = ("--perception", "los", "--cfg", "cfgs/avp/cp_small_two_units.yaml")
+    with pytest.raises(ConfigError, match=r"ROADSIDE_UNITS: places in a drawn garage; expected none with the plan"):
+        sweep(*words, scenario="pedestrian@cfgs/plans/low_deck.yaml")
+    assert len(sweep(*words).perceiver["data_cfg"]["ROADSIDE_UNITS"]) == 2
+
+
 WIDER = ("--set", "DATA_CONFIG.POINT_CLOUD_RANGE", "[0, -22.4, -3, 44.8, 22.4, 5]")
 LOWER = ("--set", "DATA_CONFIG.SENSORS.INFRA.CAMERA.Z_M", "5.0")
 

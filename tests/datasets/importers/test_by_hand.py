@@ -413,6 +413,17 @@ def test_a_damaged_tick_is_named_by_file_and_field(carla, name):
         only_record("carla", carla)
 
 
+@pytest.mark.parametrize("fov", ["0", "180", "200", "-90"])
+def test_a_field_of_view_that_no_pin_hole_has_is_refused(carla, fov):
+    """At 180 degrees the focal length is 5e-15 pixels: above 0, and every point in the middle of the picture."""
+    file = carla / "lot" / "scene.json"
+    content = json.loads(file.read_text())
+    content["sensors"]["eye"]["attributes"]["fov"] = fov
+    file.write_text(json.dumps(content))
+    with pytest.raises(RecordError, match=rf"fov: expected degrees above 0 and below 180, found {fov}"):
+        only_record("carla", carla)
+
+
 def test_a_depth_camera_elsewhere_and_a_second_camera_are_refused(carla):
     file = carla / "lot" / "scene.json"
     content = json.loads(file.read_text())

@@ -7,6 +7,7 @@ import shlex
 import shutil
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -85,6 +86,28 @@ def test_units_keep_their_names_and_splits_those_of_the_source(imported):
     assert list(read_record(imported["carla"], "garage/412", ()).units) == ["mast"]
     sky = read_frame(imported["carla"], "garage/412").ego.depth
     assert sky.max() < 65.6
+
+
+@pytest.mark.parametrize("src", [".", ".."])
+def test_names_and_splits_are_the_same_from_within_the_folder(src, foreign, monkeypatch):
+    """Whoever stands in a scenario and types a path from there, to it or to its split."""
+    scenario = foreign.opv2v / "validate/2026_01_02_03_04_05"
+    monkeypatch.chdir(scenario)
+    (scene,) = run.open_recording("opv2v", Path(src)).scenes
+    assert (scene.name, scene.split) == ("2026_01_02_03_04_05", "val")
+
+
+def test_culver_city_is_for_tests_and_a_folder_of_an_unknown_split_is_not_drawn_from(foreign, tmp_path):
+    """OPV2V's archive unpacks to test_culver_city, OpenCOOD's pages write test_culvercity."""
+    for number, name in enumerate(("train", "test_culver_city", "test_culvercity")):
+        shutil.copytree(foreign.opv2v / "validate/2026_01_02_03_04_05", tmp_path / f"opv2v/{name}/2026_{number}")
+    splits = {scene.name: scene.split for scene in import_all("opv2v", tmp_path / "opv2v", tmp_path / "set").scenes}
+    assert splits == {"2026_0": "train", "2026_1": "test", "2026_2": "test"}
+    (tmp_path / "opv2v/test_culvercity").rename(tmp_path / "opv2v/culver")
+    with pytest.raises(RecordError, match=r"scene '2026_2' lies in no folder of a split, as others do.*--splits"):
+        import_all("opv2v", tmp_path / "opv2v", tmp_path / "other")
+    told = dict.fromkeys(splits, "test")
+    assert import_all("opv2v", tmp_path / "opv2v", tmp_path / "told", splits=told).frame_counts["test"] == 12
 
 
 def test_an_import_that_was_killed_goes_on_and_gives_the_same_bytes(imported, foreign, tmp_path, monkeypatch):
@@ -229,13 +252,13 @@ def test_splits_may_be_told(foreign, tmp_path):
 
 
 def test_the_tool_says_what_it_left_out(foreign, tmp_path, monkeypatch, capsys):
-    words = ["import_data.py", "--format", "dair_v2x", "--src", foreign.dair_v2x, "--out", tmp_path / "set"]
+    words = ["import_data.py", "--format", "dair_v2x", "--src", foreign.dair_v2x, "--out", tmp_path / "my set"]
     monkeypatch.setattr(sys, "argv", [str(word) for word in words])
     import_data.main()
     out = capsys.readouterr().out
     assert "4 x label of type Cyclist left out (first: " in out
     assert "4 x label without a size left out" in out
-    assert f"wrote {tmp_path / 'set'}: train " in out
+    assert f"wrote {tmp_path / 'my set'}: train " in out
     assert 'CLASS_NAMES "[Car]"' in out
     # What it prints is a command that works: the shipped configuration with these words makes a network.
     words = shlex.split(out.partition("--set ")[2])

@@ -34,6 +34,22 @@ BAD = {
         9,
         "pillar at (9.0, 1.0) stands on a road",
     ),
+    "bollard on a road": (
+        "    pillars:\n      - {at: [9, 1], size_m: 0.2}\n",
+        9,
+        "pillar at (9.0, 1.0) stands on a road",
+    ),
+    "sheet of metal across a lane": (
+        "    walls:\n      - {kind: wall, line: [[9, 0], [9, 2]], thickness_m: 0.02}\n",
+        9,
+        "wall at (9.0, 1.0) stands on a road",
+    ),
+    "bollard in a slot": (ROW + "    pillars:\n      - {at: [3.2, -5], size_m: 0.15}\n", 11, "stands in slot"),
+    "bollard before a slot": (
+        "    slots:\n      - {at: [5, -6.5], hdg_deg: -90}\n    pillars:\n      - {at: [5, -3.3], size_m: 0.2}\n",
+        9,
+        "cannot be reached",
+    ),
     "pillar in a slot": (ROW + "    pillars:\n      - {at: [3.2, -5], size_m: 0.5}\n", 11, "stands in slot"),
     "mount in the air": (
         "    mounts:\n      - {id: m, at: [5, 0], height_m: 2, on: ceiling}\n",

@@ -8,6 +8,7 @@ from plan_files import PLANS, SHIPPED, floor_of, written
 
 from pcdet_avp.config import load_config
 from pcdet_avp.errors import ConfigError
+from pcdet_avp.generate import generate
 from pcdet_avp.sim.plans.paths import nearest
 from pcdet_avp.sim.rig import Rig, capture
 from pcdet_avp.sim.scenarios.training_scene import draw_training_scene
@@ -66,3 +67,11 @@ def test_the_same_seed_gives_the_same_scene():
 def test_a_plan_without_a_unit_makes_no_data(tmp_path):
     with pytest.raises(ConfigError, match="expected a roadside unit"):
         scene_on(written(tmp_path), 0)
+
+
+def test_a_plan_without_a_unit_is_refused_before_a_folder_is_begun(tmp_path):
+    cfg = load_config(PLANS.parent / "dataset_configs" / "avp_tiny.yaml")
+    cfg.GENERATE.PLAN = str(written(tmp_path))
+    with pytest.raises(ConfigError, match=r"plan.yaml: expected a roadside unit \(units: ...\) to make data with"):
+        generate(cfg, tmp_path / "set")
+    assert not (tmp_path / "set").exists()
