@@ -18,11 +18,12 @@ from pcdet_avp.closed_loop.report.crash_tables import (
     has_paper_rows,
     pace_table,
     paper_table,
+    shown_lines,
     side_table,
 )
 from pcdet_avp.closed_loop.report.paired_tables import paired_table
 from pcdet_avp.closed_loop.report.plots import detection_figure, law_figure, speed_crash_figure, write_figure
-from pcdet_avp.closed_loop.report.side_columns import side_columns
+from pcdet_avp.closed_loop.report.side_columns import side_columns, unfinished
 from pcdet_avp.closed_loop.sweep.crash_statistics import SAFE_RATE
 from pcdet_avp.closed_loop.sweep.journal import COMMITS
 from pcdet_avp.closed_loop.sweep.results import IN_TRAINING_GARAGES, Results, read_results
@@ -170,9 +171,22 @@ def _crash_part(results: Results, scenario: str, perception: str, head: str) -> 
         "In brackets the rate's 95 % Clopper-Pearson interval in percent. Bold: the highest speed up to which no crash",
         f"occurred. Last column: the highest speed at which the one-sided 95 % bound stays below {SAFE_RATE:.0%}.",
         *_marks(table),
+        *_cut_off(results, scenario, perception),
         "",
         *table,
         *(["", "What the roadside adds to the maximum safe speed:", "", *gains] if gains else []),
+    ]
+
+
+def _cut_off(results: Results, scenario: str, perception: str) -> list[str]:
+    """A warning where "no crash" may mean that the car never came to anybody."""
+    lines = shown_lines(results, scenario, perception)
+    cells = [cell for who, combo in lines for cell in results.row(scenario, who, combo).values()]
+    if not (count := sum(map(unfinished, cells))):
+        return []
+    of = sum(len(cell.episodes) for cell in cells)
+    return [
+        f"**{count} of {of} drives were cut off by the time limit** and count as drives without a crash (see below)."
     ]
 
 

@@ -49,12 +49,13 @@ def side_columns(cells: Sequence[Cell]) -> list[SideColumn]:
     if any(len(_units(cell)) > 1 for cell in cells):
         heading = "maps used of each roadside unit: number x mean size (kB), mean age (ms), longest gap (s)"
         columns.append(SideColumn(heading, _by_unit, of_perception=True))
-    if any(_unfinished(cell) for cell in cells):
-        columns.append(SideColumn("episodes that the time limit cut off", lambda cell: str(_unfinished(cell))))
+    if any(unfinished(cell) for cell in cells):
+        columns.append(SideColumn("episodes that the time limit cut off", lambda cell: str(unfinished(cell))))
     return columns
 
 
-def _unfinished(cell: Cell) -> int:
+def unfinished(cell: Cell) -> int:
+    """Drives that had not passed everybody when their time was up; they count as drives without a crash."""
     return sum(row.get("finished") == "False" for row in cell.episodes)
 
 

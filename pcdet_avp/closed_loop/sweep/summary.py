@@ -159,6 +159,8 @@ def crash_text(cells: Sequence[Mapping[str, Any]], speeds: Sequence[float]) -> s
         by_speed = {cell["speed"]: cell for cell in found}
         lines.append(_line(" ".join(key), speeds, by_speed, lambda c: f"{c['crashes']}/{c['trials']}"))
         lines.append(_line("  side contacts", speeds, by_speed, lambda c: str(c["side"])))
+        if any(cell["unfinished"] for cell in by_speed.values()):
+            lines.append(_line("  cut off by the time limit", speeds, by_speed, lambda c: str(c["unfinished"])))
         lines.append(_line("  mean speed, m/s", speeds, by_speed, lambda c: f"{c['mean_speed_mps']:.1f}"))
         lines.append(_line("  false-brake share", speeds, by_speed, lambda c: f"{c['false_brake_share']:.2f}"))
         lines += _unit_lines(speeds, by_speed)

@@ -94,6 +94,15 @@ def test_what_was_not_run_is_not_taken_for_safe(sweep):
     assert rows["CL", "CL", "paper"]["8 m/s"] == "4/20 [6, 44]"
 
 
+def test_drives_that_the_time_limit_cut_off_are_said_where_the_crashes_stand(sweep):
+    """No crash, but nobody met either: 2 of the 20 at 3 m/s, of 90 in all."""
+    assert "cut off" not in write_report(sweep).read_text()
+    header, *rows = (sweep / "episodes.csv").read_text().splitlines()
+    rows = [f"{row},{i not in (4, 7)}" for i, row in enumerate(rows)]
+    (sweep / "episodes.csv").write_text("\n".join([f"{header},finished", *rows]) + "\n")
+    assert "**2 of 90 drives were cut off by the time limit**" in write_report(sweep).read_text()
+
+
 def test_a_limit_that_was_not_reached_is_a_lower_bound(tmp_path):
     key = ("pedestrian", "oracle")
     write_sweep(tmp_path, {(*key, "CL+CL", v): (0, 20) for v in (3.0, 4.0)} | {(*key, "C+none", 3.0): (20, 20)})

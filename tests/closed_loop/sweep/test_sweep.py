@@ -158,6 +158,15 @@ def test_what_ended_the_drive_is_counted_whatever_the_scenario_is_called(referen
         assert f"{crashed:d}/1" in crash_text([cell], [row.case.speed])
 
 
+def test_drives_that_the_time_limit_cut_off_have_a_line_of_their_own(reference):
+    row = next(iter(Journal(reference).finished.values()))[0]
+    case, figures = row.case._replace(trial=99), replace(row.figures, finished=False)
+    rows = [row, replace(row, case=case, figures=figures)]
+    for found, said in ((rows, ["1"]), (rows[:1], [])):
+        lines = crash_text(summary(found)["cells"], [row.case.speed]).splitlines()
+        assert [line.split()[-1] for line in lines if "cut off by the time limit" in line] == said
+
+
 def test_cases_are_paired(in_this_process):
     """Trial 1 of blind, at any speed and with any combination's name, meets the same pedestrian at the same place."""
     rows = [
