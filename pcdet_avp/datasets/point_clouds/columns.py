@@ -107,6 +107,8 @@ def read_npy(file: Path, columns: int | None, scale: float | None) -> Cloud:
         raise RecordError(f"{file}: expected a point in each row, found shape {rows.shape}: rows and columns swapped?")
     if columns not in (None, rows.shape[1]):
         raise RecordError(f"{file}: has {rows.shape[1]} columns, but --columns {columns} was given")
+    if not len(rows):  # a LiDAR's first ticks may have seen nothing: the shape says that this is all
+        return Cloud(rows[:, :4].astype(np.float32), f"{rows.shape[1]} columns, no point")
     return _only(file, {rows.shape[1]: rows}, scale, any_layout=True)
 
 

@@ -141,6 +141,12 @@ def test_arrays_of_other_shapes_are_refused(tmp_path):
         read_cloud(tmp_path / "a.npy")
 
 
+def test_an_array_without_rows_is_a_cloud_without_points(tmp_path):
+    """A LiDAR's first ticks may have seen nothing."""
+    np.save(tmp_path / "a.npy", np.zeros((0, 4), np.float32))
+    assert read_cloud(tmp_path / "a.npy").points.shape == (0, 4)
+
+
 def test_an_array_with_its_points_in_columns_is_refused_even_where_its_numbers_could_be_meant(tmp_path):
     """Where the fourth point is a return of zeros, x, y, z and intensity of four "points" would all be possible."""
     points = np.tile(np.array(KITTI), (20, 1))
