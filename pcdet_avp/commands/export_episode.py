@@ -26,7 +26,7 @@ from pcdet_avp.closed_loop.sweep.arguments import sweep_of
 from pcdet_avp.closed_loop.sweep.episode_row import Case
 from pcdet_avp.closed_loop.sweep.sweep import Sweep
 from pcdet_avp.errors import RecordError
-from pcdet_avp.files import write_json
+from pcdet_avp.files import check_writable, write_json
 from pcdet_avp.runtime_arguments import add_runtime_arguments
 from pcdet_avp.sim.scenarios.table import ON_PLAN, SCENARIOS
 from pcdet_avp.structures.sensor_set import SensorSet
@@ -74,6 +74,7 @@ def main() -> None:
     case = Case(sweep.scenario, *sweep.rows[0], args.speed, args.trial)
     stem = episode_stem(case) + (f"_seed{sweep.seed}" if sweep.seed else "")
     claims = claimed(args.out / CLAIM, stem, sweep)
+    check_writable(args.out / CLAIM)
     driver, alone = CaseDriver(sweep), vehicle_alone(case) if "html" in args.formats else None
     drives = [driver.drive(each) for each in tqdm([case, alone] if alone else [case], desc="driving", unit="drive")]
     print(f"{drives[0].record.title}: {drives[0].record.ending()}")

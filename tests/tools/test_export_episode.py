@@ -9,7 +9,8 @@ from importlib.util import find_spec
 import pytest
 
 from pcdet_avp.closed_loop.export import formats
-from pcdet_avp.errors import AvpError, ConfigError, RecordError
+from pcdet_avp.commands import export_episode
+from pcdet_avp.errors import AvpError, ConfigError, OutputError, RecordError
 
 EPISODE = ("--scenario", "t_junction", "--perception", "blind", "--speed", 8, "--trial", 1)
 
@@ -61,6 +62,13 @@ def test_wrong_input_is_refused_before_anything_is_driven(wrong, named, call, tm
     with pytest.raises(AvpError, match=re.escape(named)):
         call("export_episode", *EPISODE, *wrong)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_that_cannot_be_made_is_refused_before_anything_is_driven(call, tmp_path, monkeypatch):
+    monkeypatch.setattr(export_episode, "CaseDriver", None)  # a call would raise another error
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError, match="below: cannot make this folder"):
+        call("export_episode", *EPISODE, "--out", tmp_path / "file" / "below")
 
 
 @pytest.mark.slow
