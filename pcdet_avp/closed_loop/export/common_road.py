@@ -2,7 +2,8 @@
 
 World frame, metres, radians; a time step is a tick of the loop. Places are the middles of boxes. The ego is not among
 the obstacles: the planning problem starts where it started, and the goal is where it has passed everybody. The solution
-holds what it drove, as a point mass: position and velocity along x and y of the world.
+holds what it drove, as a point mass: position and velocity along x and y of the world. Where it stands the velocity is
+``STANDING_MPS`` along its way, because commonroad-io takes a point mass' heading from there.
 
 Numbers of the scenario are rounded to ``DIGITS`` decimals before commonroad-io sees them, because it cuts off what is
 behind; and the finished file is checked against the schema here, because the check in its writer ignores the result.
@@ -49,6 +50,7 @@ from pcdet_avp.structures.ego import BUMPER_X_M
 
 PROBLEM_ID, FIRST_OBSTACLE = 100, 1000  # lanelets count from 1; an obstacle's number is its object id behind 1000
 DIGITS = 6  # decimals of metres, radians and m/s
+STANDING_MPS = 1e-7  # of the solution: a point mass without a velocity has no heading
 TYPES = {"Car": ObstacleType.CAR, "Pedestrian": ObstacleType.PEDESTRIAN}
 
 
@@ -138,7 +140,8 @@ def _problem(record: EpisodeRecord) -> PlanningProblem:
 
 def _solution(record: EpisodeRecord, scenario_id: ScenarioID) -> Solution:
     heading = record.ego[:, 2] + (np.pi if record.scenario.reversing else 0.0)
-    vx, vy = record.log.speeds * np.cos(heading), record.log.speeds * np.sin(heading)
+    speeds = np.maximum(record.log.speeds, STANDING_MPS)
+    vx, vy = speeds * np.cos(heading), speeds * np.sin(heading)
     states = [
         PMState(time_step=step, position=pose[:2], velocity=float(vx[step]), velocity_y=float(vy[step]))
         for step, pose in enumerate(record.ego)

@@ -71,6 +71,18 @@ def test_what_was_driven_solves_the_problem(files, opened, junction):
     assert not problem.goal.is_reached(states[len(states) // 2])
 
 
+def test_a_car_that_stands_keeps_its_heading(junction):
+    """The library turns a point mass without a velocity to +x of the map (findings/commonroad_standing_car.sh)."""
+    record = junction[0].record
+    ticks, yaw = len(record.ego), np.radians(60.0)
+    standing = replace(record.log, speeds=np.zeros(ticks))
+    record = replace(record, log=standing, ego=np.tile([3.0, 4.0, yaw], (ticks, 1)))
+    (driven,) = common_road._solution(record, None).planning_problem_solutions
+    states = driven.trajectory.state_list
+    np.testing.assert_allclose([state.orientation for state in states], yaw)
+    assert max(np.hypot(state.velocity, state.velocity_y) for state in states) < 1e-5
+
+
 @pytest.mark.parametrize("limit_s", [90.0, 300.0])
 def test_the_goal_is_open_until_the_loops_time_limit(junction, limit_s):
     """As where CLOSED_LOOP.TIME_LIMIT_S says so: a drive of 200 s that arrives has solved the problem if it may."""
