@@ -38,7 +38,7 @@ class Stream:
     def __init__(self) -> None:
         self.maps: dict[int, PartialMap] = {}
         self.last_used = 0
-        self._newest_us, self._count_from_us = 0, 0  # of the captures accepted; the first one of the present count
+        self._newest_us, self._count_from_us = 0.0, 0  # of the captures accepted; the first one of the present count
 
     def push(self, header: SegmentHeader, body: bytes) -> str:
         """Take a segment; what became of it (see ``Receiver.counts``)."""
