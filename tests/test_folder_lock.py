@@ -31,9 +31,12 @@ with sole_user(Path(sys.argv[1])):
     if not leaves:
         sys.exit()
     os.waitpid(leaves, 0)
+    runs, say = os.pipe()
     stays = os.fork()
     if not stays:
+        os.write(say, b"!")
         time.sleep(60)
+    os.read(runs, 1)  # until it has come so far, a fork holds all that its parent does
     print(stays, (Path(sys.argv[1]) / LOCK_FILE).exists(), flush=True)
     time.sleep(60)
 """
