@@ -24,6 +24,7 @@ import tempfile
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -197,8 +198,15 @@ def work(args: argparse.Namespace) -> None:
         print(json.dumps(getattr(worker, line.strip())()), flush=True)
 
 
+def as_sensed(frame):
+    """A frame without what only a simulator knows: labels, and depths of pixels."""
+    labels = {field.name: getattr(frame.labels, field.name)[:0] for field in fields(frame.labels)}
+    views = {agent: replace(getattr(frame, agent), depth=None) for agent in ("ego", "infra")}
+    return replace(frame, labels=type(frame.labels)(**labels), **views)
+
+
 class Worker:
-    """Both halves of one network on the kept frames."""
+    """Both halves of one network on the kept frames, as sensors give them."""
 
     def __init__(self, args: argparse.Namespace) -> None:
         from pcdet_avp.config import load_config
@@ -208,7 +216,8 @@ class Worker:
         keep_freed_memory()
         self.amp, self.threads, self.combo, self.size = args.amp, args.threads, args.train, args.batch
         self.precision = self._chosen(args.precision)
-        self.frames = pickle.loads(args.keep_frames.read_bytes())
+        frames = pickle.loads(args.keep_frames.read_bytes())
+        self.frames = frames if args.train else [as_sensed(frame) for frame in frames]
         cfg = load_config(args.cfg)
         self.input = NetworkInput.from_config(cfg["DATA_CONFIG"], cfg["CLASS_NAMES"])
         self.network = self._network(cfg, args.ckpt)

@@ -59,10 +59,11 @@ def _over_union(shared: np.ndarray, size_a: np.ndarray, size_b: np.ndarray) -> n
 @numba.njit(cache=True)
 def _bev_intersection(a, b):
     area = np.zeros((len(a), len(b)))
+    radius_a, radius_b = radii(a), radii(b)
     polygon, scratch = np.empty((MAX_VERTICES, 2)), np.empty((MAX_VERTICES, 2))
     for i in range(len(a)):
         for j in range(len(b)):
-            if _circles_meet(a[i], b[j]):
+            if circles_meet(a[i], radius_a[i], b[j], radius_b[j]):
                 area[i, j] = _intersection(a[i], b[j], polygon, scratch)
     return area
 
@@ -71,6 +72,7 @@ def _bev_intersection(a, b):
 def _suppress(boxes, max_iou, most):
     kept, gone = np.empty(min(most, len(boxes)), np.int64), np.zeros(len(boxes), np.bool_)
     polygon, scratch, n = np.empty((MAX_VERTICES, 2)), np.empty((MAX_VERTICES, 2)), 0
+    radius = radii(boxes)
     for i in range(len(boxes)):
         if n == len(kept):
             break
@@ -79,18 +81,32 @@ def _suppress(boxes, max_iou, most):
         kept[n] = i
         n += 1
         for j in range(i + 1, len(boxes)):
-            if not gone[j] and _circles_meet(boxes[i], boxes[j]):
-                sizes = boxes[i, 3] * boxes[i, 4], boxes[j, 3] * boxes[j, 4]
-                shared = min(_intersection(boxes[i], boxes[j], polygon, scratch), min(sizes[0], sizes[1]))
-                gone[j] = not shared / (sizes[0] + sizes[1] - shared) <= max_iou
+            if not gone[j] and circles_meet(boxes[i], radius[i], boxes[j], radius[j]):
+                gone[j] = not overlap(boxes[i], boxes[j], polygon, scratch) <= max_iou
     return kept[:n]
 
 
 @numba.njit(cache=True)
-def _circles_meet(a, b):
+def overlap(a, b, polygon, scratch):
+    """BEV IoU of box a (7,) with b whose circles meet; the last two (MAX_VERTICES, 2) are room to work in."""
+    sizes = a[3] * a[4], b[3] * b[4]
+    shared = min(_intersection(a, b, polygon, scratch), min(sizes[0], sizes[1]))
+    return shared / (sizes[0] + sizes[1] - shared)
+
+
+@numba.njit(cache=True)
+def radii(boxes):
+    """(N,) m: of the circles around the footprints of boxes (N, 7)."""
+    radius = np.empty(len(boxes))
+    for i in range(len(boxes)):
+        radius[i] = np.hypot(boxes[i, 3], boxes[i, 4]) / 2
+    return radius
+
+
+@numba.njit(cache=True)
+def circles_meet(a, radius_a, b, radius_b):
     """Whether the circles around both footprints share a point: the cheap test that most pairs fail."""
-    reach = (np.hypot(a[3], a[4]) + np.hypot(b[3], b[4])) / 2
-    return (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 < reach**2
+    return (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 < (radius_a + radius_b) ** 2
 
 
 @numba.njit(cache=True)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from pcdet_avp.structures.box_voting import vote
+from pcdet_avp.structures.rotated_iou import bev_iou
 
 
 def car(x, y=0.0, heading=0.0, length=4.0):
@@ -36,6 +37,23 @@ def test_every_survivor_has_its_own_vote_and_without_candidates_nothing_happens(
     np.testing.assert_allclose(voted(boxes, scores, (0, 1))[:, 0], [10.1, 20.2])
     assert voted(boxes, scores, np.zeros(0, int)).shape == (0, 7)
     assert vote(np.zeros((0, 7), np.float32), np.zeros(0), np.zeros(0, int), 0.3).shape == (0, 7)
+
+
+def test_scores_whose_fourth_power_is_zero_leave_the_survivor_where_it_is():
+    np.testing.assert_array_equal(voted([car(10.0), car(10.4)], [1e-90, 1e-91]), [car(10.0)])
+
+
+def test_equals_the_definition_with_all_overlaps_at_once():
+    rng = np.random.default_rng(3)
+    boxes = np.array(car(0.0)) + rng.normal(0, 1, (80, 7)) * [1, 0.5, 0.2, 0.3, 0.2, 0.1, 0.3]
+    scores, kept = rng.uniform(0.1, 0.9, 80), np.array([3, 40, 7])
+    boxes[::2, 6] += np.pi
+    turn = (boxes[:, 6] - boxes[kept, None, 6] + np.pi / 2) % np.pi - np.pi / 2
+    weights = np.where((bev_iou(boxes[kept], boxes) >= 0.2) & (abs(turn) <= 0.5), scores**4, 0)
+    assert ((weights > 0).sum(1) > 3).all()
+    weights /= weights.sum(1, keepdims=True)
+    expected = np.column_stack([weights @ boxes[:, :6], boxes[kept, 6] + (weights * turn).sum(1)])
+    np.testing.assert_allclose(vote(boxes, scores, kept, 0.2), expected, rtol=1e-12)
 
 
 def test_noisy_copies_of_a_box_come_nearer_to_it():

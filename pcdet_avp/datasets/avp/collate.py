@@ -33,19 +33,27 @@ def collate(samples: Sequence[dict]) -> dict:
         else:
             batch[key] = np.stack(values) if len(values) > 1 else np.asarray(values[0])[None]
     for key in CHANNELS_FIRST:
-        batch[key] = np.stack([_channels_first(image) for image in batch[key]])
+        batch[key] = _channels_first(batch[key])
     return batch
 
 
-def _channels_first(image: np.ndarray) -> np.ndarray:
-    """(h, w, 3) -> (3, h, w); OpenCV does it in a quarter of numpy's time."""
-    return np.array(cv2.split(image))
+def _channels_first(images: np.ndarray) -> np.ndarray:
+    """(B, h, w, 3) -> (B, 3, h, w); OpenCV does it in a quarter of numpy's time."""
+    B, height, width, channels = images.shape
+    moved = np.empty((B, channels, height, width), images.dtype)
+    for image, planes in zip(images, moved, strict=True):
+        cv2.split(image, list(planes))
+    return moved
 
 
 def _with_sample_number(clouds: list[np.ndarray]) -> np.ndarray:
     """(P_1 + ... + P_B, 1 + C) float32."""
-    number = np.repeat(np.arange(len(clouds), dtype=np.float32), [len(cloud) for cloud in clouds])
-    return np.concatenate([number[:, None], np.concatenate(clouds)], axis=1)
+    edges = np.cumsum([0, *map(len, clouds)])
+    rows = np.empty((edges[-1], 1 + clouds[0].shape[1]), np.float32)
+    for number, cloud in enumerate(clouds):
+        part = rows[edges[number] : edges[number + 1]]
+        part[:, 0], part[:, 1:] = number, cloud
+    return rows
 
 
 def _padded(boxes: list[np.ndarray]) -> np.ndarray:

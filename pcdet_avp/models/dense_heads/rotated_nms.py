@@ -19,9 +19,14 @@ def rotated_nms(boxes: Tensor, scores: Tensor, threshold: float, pre_max: int, p
     of equal scores the earlier row is the better one.
     """
     order = scores.sort(descending=True, stable=True).indices[:pre_max]
+    return order[suppressed(boxes[order], threshold, post_max)]
+
+
+def suppressed(boxes: Tensor, threshold: float, post_max: int) -> Tensor:
+    """As ``rotated_nms``, for boxes that are sorted by falling score already."""
     if boxes.is_cuda:
-        return order[nms_on_gpu(boxes[order], threshold)[:post_max]]
-    return order[nms_on_cpu(boxes[order], threshold, post_max)]
+        return nms_on_gpu(boxes, threshold)[:post_max]
+    return nms_on_cpu(boxes, threshold, post_max)
 
 
 def nms_on_cpu(boxes: Tensor, threshold: float, post_max: int | None = None) -> Tensor:

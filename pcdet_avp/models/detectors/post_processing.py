@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from pcdet_avp.errors import SensorError
-from pcdet_avp.models.dense_heads.rotated_nms import rotated_nms
+from pcdet_avp.models.dense_heads.rotated_nms import suppressed
 from pcdet_avp.models.thresholds import per_class
 from pcdet_avp.structures.box_voting import vote
 from pcdet_avp.structures.ego import overlaps_ego
@@ -60,7 +60,7 @@ class PostProcessing:
         above = (scores > self.min_scores[k]).nonzero().squeeze(1)
         above = above[scores[above].sort(descending=True, stable=True).indices[: self.pre_max]]
         boxes, scores = boxes[above], scores[above]
-        keep = rotated_nms(boxes, scores, self.max_overlaps[k], self.pre_max, self.post_max)
+        keep = suppressed(boxes, self.max_overlaps[k], self.post_max)
         found = voted(boxes, scores, keep, self.vote_overlaps[k]) if self.vote_overlaps[k] else boxes[keep]
         return found, scores[keep], torch.full_like(keep, k + 1)
 
