@@ -14,6 +14,7 @@ the share of equal packets, what the processor can do, and the load of the machi
 from __future__ import annotations
 
 import argparse
+import copy
 import itertools
 import json
 import os
@@ -24,7 +25,7 @@ import tempfile
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -200,9 +201,10 @@ def work(args: argparse.Namespace) -> None:
 
 def as_sensed(frame):
     """A frame without what only a simulator knows: labels, and depths of pixels."""
-    labels = {field.name: getattr(frame.labels, field.name)[:0] for field in fields(frame.labels)}
+    nobody = copy.copy(frame.labels)
+    vars(nobody).update({name: rows[:0] for name, rows in vars(nobody).items()})  # each checkout has names of its own
     views = {agent: replace(getattr(frame, agent), depth=None) for agent in ("ego", "infra")}
-    return replace(frame, labels=type(frame.labels)(**labels), **views)
+    return replace(frame, labels=nobody, **views)
 
 
 class Worker:
