@@ -83,6 +83,7 @@ def _client(workers: int, scheduler: str | None) -> Iterator[Client]:
         "distributed.scheduler.allowed-failures": LOST_WORKERS_ALLOWED,
         "distributed.scheduler.worker-ttl": None,  # a machine that slept is no lost worker; a dead process is noticed
         "distributed.worker.memory.terminate": False,
+        "distributed.worker.profile.enabled": False,  # nobody reads it, and it grows by 20 MB a minute for an hour
         "distributed.comm.timeouts.connect": CONNECT_TIMEOUT_S,
         **{f"distributed.nanny.pre-spawn-environ.{name}": value for name, value in ENVIRONMENT.items()},
     }

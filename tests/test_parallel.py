@@ -7,7 +7,7 @@ import time
 
 import dask
 import pytest
-from distributed import LocalCluster
+from distributed import LocalCluster, get_worker
 
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.parallel import run_tasks, task_pool
@@ -41,6 +41,17 @@ def test_jobs_are_begun_by_priority_but_for_one_that_the_worker_holds_ready():
         begun = list(pool.results())
     assert begun[0] == 9
     assert begun[2:] == sorted(begun[2:], reverse=True)
+
+
+def profiled_moments(seconds):
+    """Moments at which Dask wrote down what a worker's threads were doing: they pile up, some 20 MB a minute."""
+    time.sleep(seconds)
+    worker = get_worker()
+    return worker.profile_recent["count"] + sum(moment["count"] for _, moment in worker.profile_history)
+
+
+def test_a_worker_does_not_remember_what_it_was_doing():
+    assert list(run_tasks(profiled_moments, [1.5], workers=1)) == [0]
 
 
 def test_the_first_error_is_raised_and_the_rest_is_given_up(tmp_path, running):
