@@ -20,7 +20,6 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
-import torch
 from frame_study import FrameStudy
 from tqdm import tqdm
 
@@ -148,7 +147,6 @@ def conditions(args: Namespace) -> list[tuple[float, bool]]:
 def results(args, network: Network, past: Past, parts: Parts, chosen: list[int]) -> Iterator[FrameResult]:
     """One frame after the other, from disk where it is there already."""
     combos = parse_combos(args.combos)
-    nothing = Boxes(torch.zeros(0, 7), torch.zeros(0), torch.zeros(0, dtype=torch.int64))
     for index in tqdm(chosen, unit="frame", desc=f"{len(args.delays_ms)} delays"):
         frame_id = network.dataset.frame_ids[index]
         if parts.load(frame_id) is None:
@@ -163,7 +161,7 @@ def results(args, network: Network, past: Past, parts: Parts, chosen: list[int])
                 for ignored, pose in placed.items():
                     name = label(delay_ms, ignored)
                     found |= {(c, name): network.found(index, c, pose, maps) for c in combos}
-            parts.save(frame_id, FrameResult(found, nothing))
+            parts.save(frame_id, FrameResult(found))
         yield parts.load(frame_id)
 
 

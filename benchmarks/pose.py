@@ -156,14 +156,13 @@ def results(args, runner: Runner, dataset, chosen: list[int], folder: Path) -> I
     """One frame after the other, from disk where it is there already."""
     labels = [f"{size.label}, {side}" for size in args.sizes for side in SIDES]
     parts, combos = Parts(folder, parse_combos(args.combos), labels), parse_combos(args.combos)
-    nothing = Boxes(torch.zeros(0, 7), torch.zeros(0), torch.zeros(0, dtype=torch.int64))
     for index in tqdm(chosen, unit="frame", desc=f"{len(labels)} conditions, {len(combos)} combinations"):
         frame_id = dataset.frame_ids[index]
         notes = folder / f"{flat_name(frame_id)}.json"
         if parts.load(frame_id) is None or not notes.exists():
             found, measured = runner(load_batch(collate([dataset[(index, ALL)]]), "cpu"))
             write_json(notes, measured)
-            parts.save(frame_id, FrameResult(found, nothing))
+            parts.save(frame_id, FrameResult(found))
         yield parts.load(frame_id), json.loads(notes.read_text(encoding="utf-8"))
 
 

@@ -41,8 +41,10 @@ class Parts:
         self.keys = [(combo, label) for combo in combos for label in labels]
 
     def save(self, frame_id: str, result: FrameResult) -> None:
-        """Write a frame's result aside and move it into place."""
-        lists = [*(result.found[key] for key in self.keys), *(result.roadside[combo] for combo in self.combos)]
+        """Write a frame's result aside and move it into place; a combination may lack a roadside list."""
+        nothing = _boxes(np.zeros((0, 9), np.float32))
+        lists = [result.found[key] for key in self.keys]
+        lists += [result.roadside.get(combo, nothing) for combo in self.combos]
         buffer = io.BytesIO()
         rows, counts = np.concatenate([_rows(boxes) for boxes in lists]), [len(boxes.scores) for boxes in lists]
         np.savez_compressed(buffer, rows=rows, counts=counts, sent=json.dumps(_plain(result)))

@@ -1,8 +1,12 @@
 """benchmarks/pose.py: the errors that are put in, and what is said to be left of them."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+import torch
 
+from pcdet_avp.bandwidth.late_fusion import Boxes
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.registration import Correction
 from pcdet_avp.structures.pose import Pose
@@ -45,3 +49,24 @@ def test_the_share_of_a_loss_that_is_left(pose):
     one = {"ap": {"without": 50.0, "with": 80.0}, "without": points(-40.0), "with": points(-10.0), "gain": points(30.0)}
     assert pose.class_cells(one) == ["50.0 (-40.0)", "80.0 (-10.0)", "+30.0 [+29.0, +31.0]", "25 %"]
     assert pose.class_cells({**one, "gain": None}) == ["-"] * 4
+
+
+def test_a_frame_s_results_are_kept_and_read_again(pose, tmp_path, monkeypatch):
+    asked = []
+
+    def runner(batch):
+        asked.append(batch)
+        boxes = Boxes(torch.ones(1, 7), torch.tensor([0.5]), torch.ones(1, dtype=torch.int64))
+        return {("C+CL", f"{size.label}, {side}"): boxes for size in args.sizes for side in pose.SIDES}, [{"size": 1}]
+
+    class Dataset(dict):
+        frame_ids = ("0000/000",)
+
+    monkeypatch.setattr(pose, "collate", lambda samples: samples)
+    monkeypatch.setattr(pose, "load_batch", lambda batch, device: batch)
+    args = SimpleNamespace(combos="C+CL", sizes=pose.parse_sizes("0:0,0.5:2"))
+    for _ in range(2):
+        [(found, notes)] = pose.results(args, runner, Dataset({(0, pose.ALL): "sample"}), [0], tmp_path)
+    assert asked == [["sample"]]
+    assert notes == [{"size": 1}]
+    assert [boxes.scores.item() for boxes in found.found.values()] == 4 * [0.5]
