@@ -1,5 +1,6 @@
 """benchmarks/delay.py: the past that is rendered is the past of the recorded frame."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -31,6 +32,20 @@ def test_without_delay_the_record_comes_out_again_and_a_moment_before_it_somethi
         with pytest.raises(ConfigError, match="differs from the record"):
             delay.check_recorded(past.infra(recorded, -0.5), recorded)
     assert all(differ)
+
+
+def test_a_record_may_be_off_by_what_another_processor_rounds(delay, tiny_data):
+    recorded = read_frame(tiny_data, read_manifest(tiny_data).scenes[0].frame_ids[0])
+
+    def with_levels(numbers, levels):
+        image = recorded.infra.image.astype(int)
+        image.reshape(-1)[:numbers] += np.where(image.reshape(-1)[:numbers] < 128, levels, -levels)
+        return replace(recorded, infra=replace(recorded.infra, image=image.astype(np.uint8)))
+
+    delay.check_recorded(with_levels(1, 1), recorded)
+    for numbers, levels in ((1, 2), (recorded.infra.image.size // 1000, 1)):
+        with pytest.raises(ConfigError, match="differs from the record"):
+            delay.check_recorded(with_levels(numbers, levels), recorded)
 
 
 def test_the_vehicle_s_pose_of_the_past_is_the_recorded_one_without_delay(delay, tiny_data):
