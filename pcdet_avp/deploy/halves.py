@@ -226,10 +226,7 @@ class VehicleHalf:
         if self._registrar is None:
             return received
         own = {name: (maps[name][0][0], maps[name][1][0, 0]) for name in (OWN,) if name in maps}
-        sent = [
-            ReceivedMap(np.where(r.present, r.values, np.float32(0)), Pose(r.ego_from_sender))
-            for r in received.get(SENT, [])
-        ]
+        sent = [ReceivedMap(self._pooled(SENT, r), Pose(r.ego_from_sender)) for r in received.get(SENT, [])]
         correction = self._registrar(own, sent)
         pose = correction.true_from_believed if self._memory is None else self._memory(correction)
         if np.array_equal(pose.matrix, np.eye(4)):
@@ -253,11 +250,20 @@ class VehicleHalf:
         with self.stages("head"):
             return self._graphs("head", **features)
 
+    def _pooled(self, source: str, known: Received) -> np.ndarray:
+        """A received map (C, h, w), decompressed, one of each cells that were pooled."""
+        bev_map, pooling = self._decompressed(source, known)[0], self._network.grid.height // known.values.shape[1]
+        return bev_map[:, ::pooling, ::pooling]
+
+    def _decompressed(self, source: str, known: Received) -> np.ndarray:
+        """(1, C, H, W), still on its sender's grid."""
+        latent = np.where(known.present, known.values, np.float32(0))[None]
+        return self._graphs(f"decompress_{modality_of(source)}", latent=latent)["bev_map"]
+
     def place(self, source: str, known: Received) -> tuple[np.ndarray, np.ndarray]:
         """A received map, decompressed, on the ego grid, and its mask."""
         with self.stages("decompress"):
-            latent = np.where(known.present, known.values, np.float32(0))[None]
-            bev_map = self._graphs(f"decompress_{modality_of(source)}", latent=latent)["bev_map"]
+            bev_map = self._decompressed(source, known)
         with self.stages("warp"):
             valid = known.present.repeat(self._network.pooling, 0).repeat(self._network.pooling, 1)[None, None]
             cells, weights = warp.neighbours(known.ego_from_sender, self._network.grid)

@@ -1,58 +1,79 @@
-"""What of a map is compared: edges that both sides can see.
+"""What of two maps is compared: the network's own features, and their edges that both sides can see.
+
+A network that fuses maps has learnt to write the same things in the same way on both sides: where the maps lie right,
+the scalar products of their cells are largest. Only directions of feature space in which the received maps hold
+anything count, so few numbers a cell are enough (``axes_of``).
 
 Vehicle and roadside mostly look at each other, so a pillar or a car shows its near side to one and its far side to the
 other. Laid on top of each other, such sides pull the maps together by the thickness of the object, decimetres along the
 line that joins the two. Edges that run along that line (fronts of parked cars, walls, faces of pillars towards the
-lane) are seen by both, and where they begin and end tells the position along the line, too. So maps are compared by
-their second derivative across the line: it answers to edges along the line and not to those across it.
+lane) are seen by both, and where they begin and end tells the position along the line, too. So the second derivative of
+the features across the line is compared beside the features: it answers to edges along the line and not to those across
+it.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import cv2
 import numba
 import numpy as np
 
-# Lengths of the occupied cells' vectors that count as nothing and as everything: quantiles, so that the scale of the
-# network's numbers does not matter. Floors are occupied, too, with the shorter vectors. Where there is no floor, what
-# is longer than MOST_WEAK of the strong length still counts as something.
-WEAK, STRONG = 0.8, 0.99
-MOST_WEAK = 0.5
+MOST_AXES = 4
 
 
-def strength(bev_map: np.ndarray, valid: np.ndarray | None = None, weak: float = WEAK) -> np.ndarray:
-    """How much stands in each cell of a map (C, H, W), in [0, 1]: (H, W) float32, zero where empty or not ``valid``."""
-    length = np.sqrt(np.einsum("chw,chw->hw", bev_map, bev_map))
-    if valid is not None:
-        length = np.where(valid, length, np.float32(0))
-    occupied = length[length > 0]
-    if not occupied.size:
-        return length
-    low, high = np.quantile(occupied, (weak, STRONG))
-    low = min(low, MOST_WEAK * high)
-    return np.clip((length - low) / (high - low), 0, 1).astype(np.float32)
+def axes_of(maps: Sequence[np.ndarray]) -> np.ndarray:
+    """(C, r) orthonormal: the at most MOST_AXES directions of feature space that hold most of maps (C, H, W)."""
+    moments = sum(rows @ rows.T for rows in (bev_map.reshape(len(bev_map), -1) for bev_map in maps))
+    return np.linalg.eigh(moments.astype(np.float64))[1][:, ::-1][:, :MOST_AXES].astype(np.float32)
 
 
-def edges_along(strengths: np.ndarray, direction: float, sigma: float) -> np.ndarray:
-    """Edges that run along a direction (radians from +x): (H, W) float32, positive on an edge, negative beside it.
+def along_axes(bev_map: np.ndarray, axes: np.ndarray) -> np.ndarray:
+    """The map (C, H, W) in the directions of ``axes`` (C, r): (H, W, r)."""
+    channels, height, width = bev_map.shape
+    return (bev_map.transpose(1, 2, 0).reshape(-1, channels) @ axes).reshape(height, width, -1)
 
-    Minus the second derivative across the direction of the strengths (H, W) under a Gaussian of ``sigma`` cells, times
-    sigma squared, so that widths compare.
+
+def layers(cells: np.ndarray, direction: float, smoothing: float, edge_sigma: float) -> np.ndarray:
+    """What is compared of cells (H, W, r): (H, W, 2 r) float32, the features under a Gaussian of ``smoothing`` cells
+    (0: as they are), then their edges along a direction (radians from +x), both of unit length over the whole map."""
+    smooth = smoothed(cells, smoothing) if smoothing else cells
+    return np.concatenate([_unit(smooth), _unit(edges_along(cells, direction, edge_sigma))], -1)
+
+
+def edges_along(cells: np.ndarray, direction: float, sigma: float) -> np.ndarray:
+    """Edges that run along a direction (radians from +x) in each channel of cells (H, W, r); the same shape, float32.
+
+    Minus the second derivative across the direction under a Gaussian of ``sigma`` cells, times sigma squared, so that
+    widths compare.
     """
-    smooth = cv2.GaussianBlur(strengths, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
-    return _bend(smooth, -np.sin(direction), np.cos(direction), sigma * sigma)
+    return _bend(smoothed(cells, sigma), -np.sin(direction), np.cos(direction), sigma * sigma)
+
+
+def smoothed(cells: np.ndarray, sigma: float) -> np.ndarray:
+    """Cells (H, W, r) under a Gaussian of ``sigma`` cells; nothing stands beyond the map."""
+    smooth = cv2.GaussianBlur(cells, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
+    return smooth.reshape(cells.shape)  # OpenCV drops a last axis of one
+
+
+def _unit(values: np.ndarray) -> np.ndarray:
+    length = np.linalg.norm(values)
+    return values / length if length > 0 else values
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _bend(smooth, nx, ny, scale):
-    """Minus the second derivative of a map along the unit vector (nx, ny); zero on the border."""
-    height, width = smooth.shape
-    out = np.zeros((height, width), np.float32)
+    """Minus the second derivative of maps (H, W, r) along the unit vector (nx, ny); zero on the border."""
+    height, width, channels = smooth.shape
+    out = np.zeros((height, width, channels), np.float32)
     for i in range(1, height - 1):
         for j in range(1, width - 1):
-            middle = 2 * smooth[i, j]
-            xx = smooth[i, j + 1] - middle + smooth[i, j - 1]
-            yy = smooth[i + 1, j] - middle + smooth[i - 1, j]
-            xy = smooth[i + 1, j + 1] - smooth[i + 1, j - 1] - smooth[i - 1, j + 1] + smooth[i - 1, j - 1]
-            out[i, j] = -scale * (nx * nx * xx + ny * ny * yy + 0.5 * nx * ny * xy)
+            for c in range(channels):
+                middle = 2 * smooth[i, j, c]
+                xx = smooth[i, j + 1, c] - middle + smooth[i, j - 1, c]
+                yy = smooth[i + 1, j, c] - middle + smooth[i - 1, j, c]
+                xy = smooth[i + 1, j + 1, c] - smooth[i + 1, j - 1, c]
+                xy += smooth[i - 1, j - 1, c] - smooth[i - 1, j + 1, c]
+                out[i, j, c] = -scale * (nx * nx * xx + ny * ny * yy + 0.5 * nx * ny * xy)
     return out

@@ -7,25 +7,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcdet_avp.registration.edges import edges_along, strength
+from pcdet_avp.registration.edges import along_axes, axes_of, layers, smoothed
 from pcdet_avp.registration.search import MANY, Best, Landscape, Points, search
 from pcdet_avp.registration.settings import RegistrationSettings
 from pcdet_avp.structures.bev_grid import BevGrid
 from pcdet_avp.structures.pose import Pose
 
 OWN, SENT = "ego_lidar", "infra_lidar"  # the sources that are compared
-OWN_SIGMAS = 3.0, 1.5, 1.0, 0.7, 0.7  # of the own edges, in cells: for the coarse grid, then for each finer step
-RECEIVED_SIGMA = 1.0  # of the received edges, in cells of the vehicle's grid
-RECEIVED_WEAK = 0.3  # what is sent is the stronger part of a map already
-MIN_WEIGHT = 0.02  # of a received point: fainter edges are left out
-MIN_POINTS = 50  # of received edges within the own map; fewer tell nothing
+# Gaussians in cells: of the own features for the grid over the window, of the own features and edges for the finer
+# steps, and of those of the received maps.
+OWN_COARSE, OWN_FINE, RECEIVED = 2.0, (0.7, 0.7), (0.0, 1.0)
+MIN_POINTS = 200  # received cells that hold anything within the own map; fewer tell nothing
 REACH_M = 2.0  # points so far outside the own map can still come into it
 
 
 @dataclass(frozen=True, eq=False)
 class Received:
-    """A map as it arrived: values (c, h, w), zero where empty, on the sender's grid (the vehicle's, pooled to h x w
-    cells), and where the vehicle believes its sender: ``ego_from_sender``."""
+    """A map as the vehicle decompresses it: values (C, h, w), zero where nothing arrived, on the sender's grid (the
+    vehicle's, or pooled to h x w cells), and where the vehicle believes its sender: ``ego_from_sender``."""
 
     values: np.ndarray
     ego_from_sender: Pose
@@ -62,38 +61,37 @@ class Registrar:
         received = [known for known in received if known.values.any()]
         if not own or not received:
             return NONE
-        points = self.points(received)
+        axes = axes_of([known.values for known in received])
+        points = self.points(received, axes)
         if len(points.x) < MIN_POINTS:
             return NONE
-        fields = self.fields(own, _mean_direction(received))
+        fields = self.fields(own, axes, _mean_direction(received))
         return self._judged(search(Landscape(points, fields, self.grid, self.settings.stds)))
 
-    def fields(self, own: Mapping[str, tuple[np.ndarray, np.ndarray]], direction: float) -> list[np.ndarray]:
-        """The own edges (H, W) along a direction, for each step of the search."""
-        total = np.zeros((self.grid.height, self.grid.width), np.float32)
+    def fields(
+        self, own: Mapping[str, tuple[np.ndarray, np.ndarray]], axes: np.ndarray, direction: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Of the own maps: features (H, W, r) for the grid over the window, ``layers`` (H, W, 2 r) for finer steps."""
+        total = np.zeros((self.grid.height, self.grid.width, axes.shape[1]), np.float32)
         for bev_map, valid in own.values():
-            total += strength(bev_map, valid)
-        of_sigma = {sigma: edges_along(total, direction, sigma) for sigma in set(OWN_SIGMAS)}
-        return [of_sigma[sigma] for sigma in OWN_SIGMAS]
+            total += along_axes(bev_map, axes) * valid[..., None]
+        return smoothed(total, OWN_COARSE), layers(total, direction, *OWN_FINE)
 
-    def points(self, received: Iterable[Received]) -> Points:
-        """The strongest received edges as points in the frame of the believed vehicle, within reach of its map."""
-        parts = [self._points_of(known) for known in received]
-        x, y, weight = (np.concatenate(column) for column in zip(*parts, strict=True))
-        order = np.argsort(-weight, kind="stable")[:MANY]
-        return Points(x[order], y[order], weight[order])
+    def points(self, received: Iterable[Received], axes: np.ndarray) -> Points:
+        """The heaviest cells of ``layers`` of the received maps as points in the frame of the believed vehicle, within
+        reach of its map."""
+        parts = [self._points_of(known, axes) for known in received]
+        x, y, weights = (np.concatenate(column) for column in zip(*parts, strict=True))
+        heaviest = _heaviest(weights, MANY)
+        return Points(x[heaviest], y[heaviest], weights[heaviest])
 
-    def _points_of(self, known: Received) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _points_of(self, known: Received, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         grid, (rows, columns) = self.grid, known.values.shape[1:]
-        whole = (
-            strength(known.values, weak=RECEIVED_WEAK).repeat(grid.height // rows, 0).repeat(grid.width // columns, 1)
-        )
-        edges = edges_along(whole, _direction(known.ego_from_sender.inverse()), RECEIVED_SIGMA)
-        row, column = np.nonzero(edges > MIN_WEIGHT)
-        xs, ys = grid.cell_centres()
-        place = known.ego_from_sender.apply(np.stack([xs[column], ys[row], np.zeros(len(row))], 1))
-        near = _within(grid, place, REACH_M)
-        return place[near, 0], place[near, 1], edges[row, column][near].astype(np.float64)
+        cells = along_axes(known.values, axes).repeat(grid.height // rows, 0).repeat(grid.width // columns, 1)
+        weights = layers(cells, _direction(known.ego_from_sender.inverse()), *RECEIVED).reshape(-1, 2 * axes.shape[1])
+        x, y = _moved(known.ego_from_sender, grid)
+        heaviest = _heaviest(weights * _within(grid, x, y, REACH_M)[:, None], MANY)
+        return x[heaviest], y[heaviest], weights[heaviest]
 
     def _judged(self, best: Best) -> Correction:
         if best.score <= 0:
@@ -105,8 +103,22 @@ class Registrar:
         return Correction(Pose.from_xyz_yaw(x, y, yaw=yaw), True, gain)
 
 
-def _within(grid: BevGrid, place: np.ndarray, reach_m: float) -> np.ndarray:
-    x, y = place[:, 0], place[:, 1]
+def _moved(pose: Pose, grid: BevGrid) -> tuple[np.ndarray, np.ndarray]:
+    """x and y (H * W,) of a grid's centres behind a pose."""
+    xs, ys = grid.cell_centres()
+    (a, b), (c, d), (x, y) = *pose.matrix[:2, :2], pose.translation[:2]
+    return (a * xs + b * ys[:, None] + x).reshape(-1), (c * xs + d * ys[:, None] + y).reshape(-1)
+
+
+def _heaviest(weights: np.ndarray, count: int) -> np.ndarray:
+    """The at most ``count`` rows of weights (n, K) that are longest and not zero, the longest first."""
+    power = np.einsum("nk,nk->n", weights, weights)
+    rows = np.argpartition(-power, count - 1)[:count] if len(power) > count else np.arange(len(power))
+    rows = rows[np.argsort(-power[rows], kind="stable")]
+    return rows[power[rows] > 0]
+
+
+def _within(grid: BevGrid, x: np.ndarray, y: np.ndarray, reach_m: float) -> np.ndarray:
     inside_x = (x > grid.x_min_m - reach_m) & (x < grid.x_max_m + reach_m)
     return inside_x & (y > grid.y_min_m - reach_m) & (y < grid.y_max_m + reach_m)
 

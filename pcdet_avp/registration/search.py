@@ -1,5 +1,5 @@
 """The planar motion that best lays points onto a field: a grid over the whole window, then finer and finer steps around
-its hills. ``lookups`` says how many values of a field that reads at most; it does not depend on what the maps hold."""
+its hills. ``lookups`` says how many cells of a field that reads at most; it does not depend on what the maps hold."""
 
 from __future__ import annotations
 
@@ -13,18 +13,19 @@ from pcdet_avp.structures.bev_grid import BevGrid
 
 COARSE_M, COARSE_DEG = 0.64, 1.5  # steps of the grid over the window; along x and y, rounded to whole cells
 WINDOW_STDS = 3.0  # how far the window reaches, in standard deviations of the motion that is expected
-HILLS = 4  # of the grid, looked at more closely
-FEW, MANY = 400, 1000  # points: the heaviest ones
+HILLS = 3  # of the grid, looked at more closely
+FEWEST, FEW, MANY = 250, 400, 1000  # points: the heaviest ones; for the grid, and for the steps
 FINER = ((0.5, FEW), (0.25, FEW), (0.125, MANY), (0.0625, MANY))  # steps around a hill, in those of the grid; points
+FASTMATH = {"contract", "reassoc", "nsz"}  # sums may be taken in any order; NaN keeps its meaning
 PRIOR_WEIGHT = 0.05  # a motion of one standard deviation must be better by half of this share of the best score
 
 
 class Points(NamedTuple):
-    """Weighted points, x and y in metres; (n,) each, float64, the heaviest first."""
+    """Weighted points, the heaviest first: x and y (n,) in metres, float64; weights (n, K) float32, one a channel."""
 
     x: np.ndarray
     y: np.ndarray
-    weight: np.ndarray
+    weights: np.ndarray
 
     def first(self, count: int) -> Points:
         return Points(*(column[:count] for column in self))
@@ -39,12 +40,13 @@ class Best(NamedTuple):
 
 
 class Landscape(NamedTuple):
-    """What is searched. ``fields``: (H, W) of ``grid``, the first for the grid over the window, then one for each of
-    FINER, the smoother ones first. ``stds`` (3,): of the motion expected along x, y (metres) and in heading (radians).
+    """What is searched. ``fields``: float32 of ``grid``, (H, W, k) for the grid over the window, which reads the first
+    k of the weights, and (H, W, K) for the finer steps. ``stds`` (3,): of the motion expected along x, y (metres) and
+    in heading (radians).
     """
 
     points: Points
-    fields: Sequence[np.ndarray]
+    fields: tuple[np.ndarray, np.ndarray]
     grid: BevGrid
     stds: np.ndarray
 
@@ -59,8 +61,8 @@ class Landscape(NamedTuple):
         return PRIOR_WEIGHT * 0.5 * np.square(motions / self.stds).sum(-1)
 
     def score(self, motions: np.ndarray, level: int) -> np.ndarray:
-        """(n,): of motions (n, 3), in the field of a level of FINER."""
-        return scores(self.points.first(FINER[level][1]), self.fields[1 + level], self.grid, motions)
+        """(n,): of motions (n, 3), with the points of a level of FINER."""
+        return scores(self.points.first(FINER[level][1]), self.fields[1], self.grid, motions)
 
 
 def search(land: Landscape) -> Best:
@@ -75,9 +77,9 @@ def search(land: Landscape) -> Best:
 
 
 def lookups(stds: np.ndarray, steps: np.ndarray) -> int:
-    """The most values of a field that a search reads."""
+    """The most cells of a field that a search reads."""
     counts = _half_widths(stds, steps)
-    window = int(np.prod(2 * counts + 1)) * FEW
+    window = int(np.prod(2 * counts + 1)) * FEWEST
     climbs = zip(FINER, (HILLS, HILLS, 1, 1), strict=True)
     return window + sum(len(AROUND) * 4 * points * times for (_, points), times in climbs) + 8 * MANY
 
@@ -116,7 +118,7 @@ def over_window(land: Landscape) -> tuple[np.ndarray, np.ndarray]:
     turns = np.arange(-halves[2], halves[2] + 1) * land.steps[2]
     wide, cells = int(halves[0]), round(land.steps[0] / grid.cell_m)
     out = np.zeros((len(turns), 2 * wide + 1, 2 * wide + 1))
-    points = land.points.first(FEW)
+    points = land.points.first(FEWEST)
     _over_window(*points, land.fields[0], turns, wide, cells, grid.x_min_m, grid.y_min_m, grid.cell_m, out)
     along = np.arange(-wide, wide + 1) * land.steps[0]
     turn, y, x = np.meshgrid(turns, along, along, indexing="ij")
@@ -124,16 +126,17 @@ def over_window(land: Landscape) -> tuple[np.ndarray, np.ndarray]:
 
 
 def scores(points: Points, field: np.ndarray, grid: BevGrid, motions: np.ndarray) -> np.ndarray:
-    """(n,): for each of the motions (n, 3), the weighted sum of the field (H, W), bilinear, at the moved points."""
+    """(n,): for each of the motions (n, 3), the sum over points of their weights (K,) times the field (H, W, K),
+    bilinear, where they come to lie."""
     out = np.zeros(len(motions))
     _scores(*points, field, np.ascontiguousarray(motions), grid.x_min_m, grid.y_min_m, grid.cell_m, out)
     return out
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _over_window(x, y, weight, field, turns, wide, cells, x_min, y_min, cell, out):
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FASTMATH)
+def _over_window(x, y, weights, field, turns, wide, cells, x_min, y_min, cell, out):
     """``out`` (turns, y, x) is zero and receives the scores; shifts are whole numbers of cells."""
-    height, width = field.shape
+    height, width, channels = field.shape
     for k in range(len(turns)):
         cos, sin = np.cos(turns[k]) / cell, np.sin(turns[k]) / cell
         for i in range(len(x)):
@@ -146,13 +149,16 @@ def _over_window(x, y, weight, field, turns, wide, cells, x_min, y_min, cell, ou
                 for b in range(-wide, wide + 1):
                     c = column + b * cells
                     if c >= 0 and c < width:
-                        out[k, a + wide, b + wide] += weight[i] * field[r, c]
+                        product = np.float32(0)
+                        for q in range(channels):
+                            product += weights[i, q] * field[r, c, q]
+                        out[k, a + wide, b + wide] += product
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _scores(x, y, weight, field, motions, x_min, y_min, cell, out):
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FASTMATH)
+def _scores(x, y, weights, field, motions, x_min, y_min, cell, out):
     """``out`` (n,) receives the scores; the field counts as zero beyond the centres of its outermost cells."""
-    height, width = field.shape
+    height, width, channels = field.shape
     for k in range(len(motions)):
         cos, sin = np.cos(motions[k, 2]) / cell, np.sin(motions[k, 2]) / cell
         right, up = (motions[k, 0] - x_min) / cell - 0.5, (motions[k, 1] - y_min) / cell - 0.5
@@ -161,8 +167,11 @@ def _scores(x, y, weight, field, motions, x_min, y_min, cell, out):
             col, row = cos * x[i] - sin * y[i] + right, sin * x[i] + cos * y[i] + up
             if col >= 0 and row >= 0 and col < width - 1 and row < height - 1:
                 c, r = int(col), int(row)
-                a, b = col - c, row - r
-                lower = field[r, c] + a * (field[r, c + 1] - field[r, c])
-                upper = field[r + 1, c] + a * (field[r + 1, c + 1] - field[r + 1, c])
-                total += weight[i] * (lower + b * (upper - lower))
+                a, b = np.float32(col - c), np.float32(row - r)
+                product = np.float32(0)
+                for q in range(channels):
+                    lower = field[r, c, q] + a * (field[r, c + 1, q] - field[r, c, q])
+                    upper = field[r + 1, c, q] + a * (field[r + 1, c + 1, q] - field[r + 1, c, q])
+                    product += weights[i, q] * (lower + b * (upper - lower))
+                total += product
         out[k] = total

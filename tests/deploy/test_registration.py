@@ -1,5 +1,7 @@
 """An exported network's vehicle corrects poses by the same motion as the network in torch."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import torch
@@ -17,16 +19,17 @@ BELIEVED = (Pose.from_xyz_yaw(0.5, -0.3, yaw=np.radians(2.0)) @ TRUTH).matrix.as
 
 @pytest.fixture
 def half():
-    """A vehicle's half without graphs: registration needs none."""
+    """A vehicle's half whose only graph repeats what is received over the cells that were pooled."""
     half = object.__new__(VehicleHalf)
-    half._registrar, half._memory = Registrar(GRID, ON), None
+    half._registrar, half._memory, half._network = Registrar(GRID, ON), None, SimpleNamespace(grid=GRID)
+    half._graphs = lambda name, latent: {"bev_map": latent.repeat(POOLING, 2).repeat(POOLING, 3)}
     return half
 
 
 @pytest.fixture(scope="module")
 def maps():
     own = drawn(walls(), GRID.cell_m, 3, 0.3)[None]
-    return own, drawn(seen(walls(), TRUTH.inverse()), POOLING * GRID.cell_m, 2, 0.05)
+    return own, drawn(seen(walls(), TRUTH.inverse()), POOLING * GRID.cell_m, 3, 0.05)
 
 
 def test_the_correction_is_torchs(half, maps):

@@ -7,6 +7,7 @@ the very batch that came in goes on.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import torch
@@ -21,8 +22,9 @@ from pcdet_avp.structures.pose import Pose
 class RegisterMaps:
     """Corrects the poses of all received maps of a sample by one motion, that of the vehicle's error."""
 
-    def __init__(self, grid: BevGrid, settings: RegistrationSettings) -> None:
-        self.settings, self._registrar = settings, Registrar(grid, settings)
+    def __init__(self, grid: BevGrid, settings: RegistrationSettings, codec: Any = None) -> None:
+        """``codec``: what decompresses a LiDAR's latents (``MapCodec``); None: they are maps already."""
+        self.settings, self._registrar, self._codec = settings, Registrar(grid, settings), codec
 
     def __call__(self, batch_dict: dict) -> dict:
         """
@@ -48,19 +50,21 @@ class RegisterMaps:
         if bev_map is None:
             return NONE
         own = {OWN: (_array(bev_map[sample]), _array(batch_dict["bev_valid"][OWN][sample, 0]))}
-        return self._registrar(own, list(_received(batch_dict, sample)))
+        return self._registrar(own, list(self._received(batch_dict, sample)))
 
-
-def _received(batch_dict: dict, sample: int) -> Iterator[Received]:
-    """The maps of a sample's units."""
-    latent = batch_dict["latents"].get(SENT)
-    if latent is None:
-        return
-    poses = batch_dict.get("ego_from_sender", {}).get(SENT, batch_dict["ego_from_infra"])
-    for row, of_sample in enumerate(_samples(batch_dict, SENT, len(latent.values))):
-        if of_sample == sample:
-            values = torch.where(latent.received[row], latent.values[row], 0)
-            yield Received(_array(values), Pose(_array(poses[row]).astype(np.float64)))
+    def _received(self, batch_dict: dict, sample: int) -> Iterator[Received]:
+        """The maps of a sample's units."""
+        latent = batch_dict["latents"].get(SENT)
+        if latent is None:
+            return
+        poses = batch_dict.get("ego_from_sender", {}).get(SENT, batch_dict["ego_from_infra"])
+        for row, of_sample in enumerate(_samples(batch_dict, SENT, len(latent.values))):
+            if of_sample == sample:
+                values = torch.where(latent.received[row], latent.values[row], 0)[None]
+                if self._codec is not None:  # one of each cells that were pooled is enough
+                    pooling = self._codec.pooling
+                    values = self._codec.decompress(values)[..., ::pooling, ::pooling]
+                yield Received(_array(values[0]), Pose(_array(poses[row]).astype(np.float64)))
 
 
 def _samples(batch_dict: dict, source: str, maps: int) -> list[int]:

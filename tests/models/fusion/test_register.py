@@ -23,7 +23,7 @@ ERROR = Pose.from_xyz_yaw(0.5, -0.3, yaw=np.radians(2.0))
 @pytest.fixture(scope="module")
 def maps():
     own = torch.from_numpy(drawn(walls(), GRID.cell_m, 3, 0.3))
-    sent = torch.from_numpy(drawn(seen(walls(), TRUTH.inverse()), POOLING * GRID.cell_m, 2, 0.05))
+    sent = torch.from_numpy(drawn(seen(walls(), TRUTH.inverse()), POOLING * GRID.cell_m, 3, 0.05))
     return own, sent
 
 
