@@ -33,6 +33,7 @@ Numbers = Sequence[float] | np.ndarray
 
 MIRROR_Y = np.array([1.0, -1.0, 1.0])
 SMALLEST_SIZE_M = 0.01  # a box that is thinner has no size: CARLA and DAIR-V2X list some of 0
+LARGEST_SIZE_M = 60.0  # longer than any road vehicle: centimetres, most likely
 # A calibration that is no rotation is replaced by the nearest one if no entry differs by more: 1 cm at 1 m.
 REPAIRED = 0.01
 SHEARED = 0.25  # the same of a camera's, whose effect on the pixels is kept; one of DAIR-V2X's is off by 0.18
@@ -76,7 +77,8 @@ def unreal_camera(agent_from_sensor: Pose, width: int, height: int, intrinsics: 
 def unreal_box(world_from_actor: Pose, centre: Numbers, extent: Numbers) -> np.ndarray | None:
     """(7,) in our world: ``centre`` (3,) in the actor's own left-handed frame, ``extent`` (3,) half sizes; metres.
 
-    None where the box has no size. Its pitch and roll are left out: our boxes stand upright.
+    None where the box has no size, GeometryError where none can be meant. Its pitch and roll are left out: our boxes
+    stand upright.
     """
     return box_of(world_from_actor.apply(points_from_unreal(centre)), 2.0 * np.asarray(extent), world_from_actor.yaw)
 
@@ -96,7 +98,11 @@ def corner_box(corners: np.ndarray) -> np.ndarray | None:
 
 
 def box_of(centre: np.ndarray, sizes: np.ndarray, heading: float) -> np.ndarray | None:
-    """(7,), or None where a size is below ``SMALLEST_SIZE_M``."""
+    """(7,), or None where a size is below ``SMALLEST_SIZE_M``; GeometryError where one is negative or that of no car."""
+    if np.min(sizes) < 0 or np.max(sizes) > LARGEST_SIZE_M:
+        raise GeometryError(
+            f"box: expected sizes in metres, from 0 to {LARGEST_SIZE_M:g}, found {' x '.join(f'{s:g}' for s in sizes)}"
+        )
     return None if np.min(sizes) < SMALLEST_SIZE_M else np.array([*centre, *sizes, heading])
 
 
