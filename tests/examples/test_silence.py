@@ -86,6 +86,27 @@ def test_a_vehicle_ends_where_the_silence_lasts(way, clock):
         way.goes_on  # noqa: B018
 
 
+@pytest.mark.parametrize(
+    ("ahead_s", "unit", "why"),
+    [
+        (7.5, None, "1 accepted, but a roadside clock is 7.5 s ahead of this one: set them alike"),
+        (-7.5, None, "1 accepted, but older than --max_age 1 s once they were there"),
+        (0.0, [2, 5], "1 accepted, but all from units that --unit does not name: 0"),
+    ],
+)
+def test_why_no_map_was_used(way, clock, ahead_s, unit, why):
+    way._args.unit, here_s = unit, clock.now_s
+    clock.now_s += ahead_s
+    segments = a_map(5, clock)
+    clock.now_s = here_s
+    way.hear(segments)
+    way.look()
+    assert way._half.seen == []
+    clock.now_s += 31
+    with pytest.raises(LinkError, match=rf"no map to use within 30 s: {why}$"):
+        way.goes_on  # noqa: B018
+
+
 def test_both_halves_find_the_same_frame_by_the_number_in_the_packet(example):
     number = example("roadside_unit").frame_number
     assert number(100.0, 20.0) == 2000
