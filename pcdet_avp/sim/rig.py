@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcdet_avp.errors import ConfigError, SensorError
+from pcdet_avp.sim.plans.floor import FloorLayout
 from pcdet_avp.sim.rays.lidar import LidarNoise, sweep
 from pcdet_avp.sim.rays.raytracer import RayTracer
 from pcdet_avp.sim.render.camera import render
@@ -90,15 +91,28 @@ class Rig:
         lidar = replace(self.ego.lidar, agent_from_lidar=turn @ self.ego.lidar.agent_from_lidar)
         return replace(self, ego=replace(self.ego, camera=camera, lidar=lidar))
 
+    def check_in(self, world: World, sources: Collection[str]) -> None:
+        """ConfigError on a plan's floor that has no unit, where ``sources`` name any of the roadside's; and for
+        ``units``, which stand in drawn garages."""
+        if not isinstance(world.layout, FloorLayout):
+            return
+        where = f"the plan's floor {world.layout.floor.name!r}"
+        if self.units:
+            raise ConfigError(f"DATA_CONFIG.ROADSIDE_UNITS: places in a drawn garage; expected none on {where}")
+        asked = ", ".join(source for source in INFRA_SOURCES if source in sources)
+        if world.unit is None and asked:
+            raise ConfigError(f"{where}: expected a roadside unit (units: ...) for {asked}, found none")
+
     def placed_in(self, world: World) -> tuple[PlacedRig, ...]:
         """The sensors of the ego and of every roadside unit where they stand in a world now; the ego first."""
         ego = PlacedRig("ego", self.ego, world.world_from_ego, world.ego_tracer, EGO_SOURCES)
         return (ego, *self.units_in(world))
 
     def units_in(self, world: World) -> tuple[PlacedRig, ...]:
-        """The sensors of every roadside unit, by number."""
+        """The sensors of every roadside unit, by number. A plan's floor without a unit has one without sensors."""
         if not self.units:
-            rig, sources = self.infra.hung_as(world.unit), INFRA_SOURCES if world.unit is None else world.unit.sources
+            at_the_mast = () if isinstance(world.layout, FloorLayout) else INFRA_SOURCES
+            rig, sources = self.infra.hung_as(world.unit), world.unit.sources if world.unit else at_the_mast
             return (PlacedRig("infra", rig, world.world_from_infra, world.infra_tracer, sources),)
         return tuple(
             PlacedRig("infra", rig, unit.world_from_unit, world.infra_tracer, unit.sources, number)
@@ -186,6 +200,7 @@ def observe_units(
     A unit captures with those of the sensors that it has; one whose number is in ``silent`` captures nothing. The noise
     of unit 0 is what it is without other units; every unit has a stream of its own. ``threads`` as for ``capture``.
     """
+    rig.check_in(world, sources)
     ego, *units = rig.placed_in(world)
     awake = [unit for unit in units if unit.unit not in silent]
     seen = _captured(_sensors((ego, *awake), key, sources), world, threads)

@@ -55,8 +55,9 @@ def write_episode_video(
     2 shows every other tick. The video runs in real time.
     """
     settings = settings or EpisodeSettings()
-    recording = record_episode(scenario, perceiver, sensor_set, settings)
     rig = Rig.from_config(data_cfg["SENSORS"], mounted_units(data_cfg.get("ROADSIDE_UNITS")))
+    rig.check_in(scenario.world(), sensor_set.sources)
+    recording = record_episode(scenario, perceiver, sensor_set, settings)
     write_recording_video(recording, rig.reversed() if scenario.reversing else rig, file, title, settings, every)
     return recording.log
 
