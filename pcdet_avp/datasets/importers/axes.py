@@ -69,9 +69,12 @@ def upright(world_from_x: Pose, floor_z: float) -> Pose:
 
 
 def unreal_camera(agent_from_sensor: Pose, width: int, height: int, intrinsics: np.ndarray) -> PinholeCamera:
-    """A camera that looks along the x axis of its sensor frame; ``intrinsics`` K (3, 3) in pixels."""
-    fx, fy, cx, cy = intrinsics[0, 0], intrinsics[1, 1], intrinsics[0, 2], intrinsics[1, 2]
-    return PinholeCamera(width, height, fx, fy, cx, cy, agent_from_sensor @ Pose(OPTICAL))
+    """A camera that looks along the x axis of its sensor frame; ``intrinsics`` K (3, 3) in pixels.
+
+    GeometryError where K has a skew, or is none.
+    """
+    _refuse_skew(intrinsics)
+    return _camera(width, height, intrinsics, agent_from_sensor @ Pose(OPTICAL))
 
 
 def unreal_box(world_from_actor: Pose, centre: Numbers, extent: Numbers) -> np.ndarray | None:
@@ -98,7 +101,7 @@ def corner_box(corners: np.ndarray) -> np.ndarray | None:
 
 
 def box_of(centre: np.ndarray, sizes: np.ndarray, heading: float) -> np.ndarray | None:
-    """(7,), or None where a size is below ``SMALLEST_SIZE_M``; GeometryError where one is negative or that of no car."""
+    """(7,), or None where a size is below ``SMALLEST_SIZE_M``; GeometryError where one is negative or no car's."""
     if np.min(sizes) < 0 or np.max(sizes) > LARGEST_SIZE_M:
         raise GeometryError(
             f"box: expected sizes in metres, from 0 to {LARGEST_SIZE_M:g}, found {' x '.join(f'{s:g}' for s in sizes)}"
@@ -127,8 +130,10 @@ def pinhole(
     If the rotation is none, the pixel ``K (R p + t)`` of every point is kept by other intrinsics: ``K R`` is parted
     anew into an upper triangle and a rotation. Only the triangle's skew is lost, and the second value says how many
     pixels that moves a point at the image's upper or lower edge. GeometryError if it is more than ``MAX_SKEW`` of the
-    width, if an entry of ``R`` differs by more than ``SHEARED`` from the nearest rotation, or if ``R`` mirrors.
+    width, if an entry of ``R`` differs by more than ``SHEARED`` from the nearest rotation, if ``R`` mirrors, or if
+    ``intrinsics`` have a skew themselves.
     """
+    _refuse_skew(intrinsics)
     skew_px, translation, (_, off) = 0.0, np.ravel(translation), _nearest(rotation)
     _refuse_beyond(rotation, off, SHEARED)
     if off > ROUNDED:
@@ -137,8 +142,20 @@ def pinhole(
         raise GeometryError(f"shears the image by {skew_px:.1f} pixels, at most {MAX_SKEW * width:.1f} are left out")
     camera_from_agent = np.eye(4)
     camera_from_agent[:3, :3], camera_from_agent[:3, 3] = rotation, translation
+    return _camera(width, height, intrinsics, Pose(camera_from_agent).inverse()), skew_px
+
+
+def _camera(width: int, height: int, intrinsics: np.ndarray, agent_from_camera: Pose) -> PinholeCamera:
     fx, fy, cx, cy = intrinsics[0, 0], intrinsics[1, 1], intrinsics[0, 2], intrinsics[1, 2]
-    return PinholeCamera(width, height, fx, fy, cx, cy, Pose(camera_from_agent).inverse()), skew_px
+    return PinholeCamera(width, height, fx, fy, cx, cy, agent_from_camera)
+
+
+def _refuse_skew(intrinsics: np.ndarray) -> None:
+    """GeometryError where K is not [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]: the other entries would be lost."""
+    others = intrinsics * [[0, 1, 0], [1, 0, 0], [1, 1, 1]] - np.diag([0.0, 0.0, 1.0])
+    if np.abs(others).max() > ROUNDED:
+        found = ", ".join(str([float(f"{entry:g}") for entry in row]) for row in intrinsics)
+        raise GeometryError(f"intrinsics: expected [fx, 0, cx], [0, fy, cy], [0, 0, 1], found {found}")
 
 
 def _nearest(block: np.ndarray) -> tuple[np.ndarray, float]:

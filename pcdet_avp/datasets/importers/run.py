@@ -55,7 +55,7 @@ def import_recording(
         raise RecordError(f"{format_name}: no frame has all of its files")
     for scene in scenes:
         if all(file.suffix in METADATA for files in scene.frames.values() for file in files):
-            raise RecordError(f"{format_name}: scene {scene.name!r} has no sensor: no picture and no cloud of any frame")
+            raise RecordError(f"{format_name}: scene {scene.name!r} has no sensor: no picture, no cloud")
     made_by = {"IMPORT": {"FORMAT": format_name, "SOURCE_SHA256": _fingerprint(scenes)}}
     manifest = _plan(scenes, recording.class_names, made_by, splits, seed)
     with claimed(out, manifest):

@@ -15,6 +15,7 @@ from datasets.importers.written import write_carla_cloud, write_json, write_pcd,
 from pcdet_avp.datasets.importers import axes
 from pcdet_avp.datasets.importers.run import open_recording
 from pcdet_avp.errors import GeometryError, RecordError
+from pcdet_avp.structures.pose import Pose
 
 QUARTER = np.pi / 2
 GREY = np.full((60, 80, 3), 90, np.uint8)
@@ -244,14 +245,16 @@ def test_a_car_of_the_map_that_is_an_actor_too_is_one_car(carla):
 def test_a_size_that_no_car_has_is_refused_by_name(carla, opv2v, extent):
     """240 m is a car's half length in Unreal's centimetres, taken for metres."""
     scene, tick = carla / "lot" / "scene.json", carla / "lot" / "frames" / "30.json"
-    content, listed = json.loads(tick.read_text()), json.loads(scene.read_text())
+    whole, listed = tick.read_text(), json.loads(scene.read_text())
+    content = json.loads(whole)
     content["actors"][1]["bounding_box"]["extent"]["x"] = extent
     write_json(tick, content)
-    with pytest.raises(RecordError, match=r"30.json: actors\[1\].bounding_box: box: expected sizes in metres, from 0 to"):
+    with pytest.raises(RecordError, match=r"30.json: actors\[1\].bounding_box: box: expected sizes in metres, from 0"):
         only_record("carla", carla)
+    tick.write_text(whole)
     box = carla_pose(10, -4, 0.9) | {"extent": {"x": extent, "y": 0.9, "z": 0.7}}
     write_json(scene, listed | {"static_cars": [box]})
-    with pytest.raises(RecordError, match=r"(scene.json: static_cars|30.json: actors)\[.\].*: box: expected sizes"):
+    with pytest.raises(RecordError, match=r"scene.json: static_cars\[0\]: box: expected sizes in metres"):
         only_record("carla", carla)
     file = opv2v / "2026_01_01_00_00_00" / "3" / "000068.yaml"
     file.write_text(OPV2V.replace("extent: [2.25,", f"extent: [{extent},"))
@@ -394,6 +397,19 @@ def test_a_sheared_calibration_keeps_the_pixels_of_its_points():
     nearest = np.linalg.svd(SHEARED)
     naive = (points @ (nearest[0] @ nearest[2]).T + translation) @ K.T
     assert np.abs(naive[:, :2] / naive[:, 2:] - expected)[inside].max() > 50  # what the nearest rotation would cost
+
+
+@pytest.mark.parametrize(("row", "column", "value"), [(0, 1, 9.0), (1, 0, 9.0), (2, 0, 0.01), (2, 2, 0.5)])
+def test_intrinsics_with_a_skew_or_of_another_form_are_refused(row, column, value):
+    """A pin-hole of ours has no place for them: with a skew of 9 pixels they were taken without it."""
+    wrong = K.copy()
+    wrong[row, column] = value
+    for make in (
+        lambda: axes.pinhole(1920, 1080, wrong, np.eye(3), np.zeros(3)),
+        lambda: axes.unreal_camera(Pose.identity(), 1920, 1080, wrong),
+    ):
+        with pytest.raises(GeometryError, match=r"intrinsics: expected \[fx, 0, cx\].*found \[2183.4, "):
+            make()
 
 
 def test_a_calibration_that_is_a_rotation_stays_as_it_is():
