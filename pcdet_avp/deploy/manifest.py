@@ -37,7 +37,9 @@ class Exported:
         if found != FORMAT:
             raise ExportError(f"{path}: format: expected {FORMAT}, found {found!r}; export the checkpoint again")
         try:
-            network = Network.from_json(content["network"])
+            network, digest = Network.from_json(content["network"]), content.get("network_sha256")
+            if digest not in (None, network_sha256(content["network"])):  # None: exported before there was one
+                raise ExportError(f"{path}: network: not what was exported; export the checkpoint again")
             return cls(Path(folder), network, dict(content["meaning"]), dict(content["files"]), content)
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise ExportError(f"{path}: damaged, or written by another version ({error})") from error
@@ -69,6 +71,11 @@ class Exported:
 def sha256(content: bytes) -> str:
     """64 hexadecimal digits."""
     return hashlib.sha256(content).hexdigest()
+
+
+def network_sha256(network: Mapping[str, Any]) -> str:
+    """Of what the graphs leave open, by which a graph's numbers are read: another order of classes swaps them."""
+    return sha256(json.dumps(network, sort_keys=True).encode())
 
 
 def _json_object(path: Path) -> dict[str, Any]:

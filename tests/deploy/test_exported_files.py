@@ -108,6 +108,19 @@ def test_what_is_no_exported_network_is_refused(copy, tmp_path):
             Exported.read(copy)
 
 
+def test_a_manifest_that_was_edited_is_refused(copy):
+    """Classes in another order would be read in it; one exported before there was a hash is taken as it is."""
+    content = json.loads((copy / MANIFEST).read_text())
+    for key, value in (("class_names", ["Pedestrian", "Car"]), ("cell_m", 0.32)):
+        changed(copy, network={**content["network"], key: value})
+        with pytest.raises(ExportError, match=r"manifest.json: network: not what was exported; export the checkpoint"):
+            Exported.read(copy)
+    changed(copy, network_sha256=None)
+    assert Exported.read(copy).network.cell_m == 0.32
+    changed(copy, network=content["network"], network_sha256=content["network_sha256"])
+    assert Exported.read(copy).network.class_names == ("Car", "Pedestrian")
+
+
 def test_weights_of_another_configuration_are_refused_by_key(copy, to_export):
     pytest.importorskip("onnxruntime")
     meaning = json.loads((copy / MANIFEST).read_text())["meaning"]
