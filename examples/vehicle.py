@@ -32,7 +32,7 @@ from pcdet_avp.datasets.avp.splits import SPLITS
 from pcdet_avp.engine.halves import Vehicle, open_vehicle
 from pcdet_avp.engine.real_time import FRAME, RealTimeReport, table
 from pcdet_avp.errors import ConfigError, LinkError
-from pcdet_avp.files import write_json
+from pcdet_avp.files import check_writable, write_json
 from pcdet_avp.freed_memory import keep_freed_memory
 from pcdet_avp.link import LatentMap, Receiver
 from pcdet_avp.runtime_arguments import add_runtime_arguments, check_runtime_arguments
@@ -214,7 +214,7 @@ class Drive:
             if wanted is not None and not {*heard} & {*wanted}:
                 return f"{self.fates()}, but all from units that --unit does not name: {', '.join(map(str, heard))}"
             if self._ahead_s > self._args.max_age:
-                return f"{self.fates()}, but a roadside clock is {self._ahead_s:.1f} s ahead of this one: set them alike"
+                return f"{self.fates()}, but a roadside clock is {self._ahead_s:.1f} s ahead of the vehicle's"
             too_old = f"older than --max_age {self._args.max_age:g} s once they were there"
             return f"{self.fates()}, but {too_old}"
         if self.receiver.foreign:
@@ -256,6 +256,8 @@ def main() -> None:
         raise ConfigError(f"--drop: expected a share of 0 to 1, found {args.drop}")
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     check_runtime_arguments(args)
+    if args.summary:
+        check_writable(args.summary)
     keep_freed_memory()
     cfg = load_arguments_config(args)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiving:
