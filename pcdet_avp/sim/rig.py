@@ -92,15 +92,22 @@ class Rig:
         return replace(self, ego=replace(self.ego, camera=camera, lidar=lidar))
 
     def check_in(self, world: World, sources: Collection[str]) -> None:
-        """ConfigError on a plan's floor that has no unit, where ``sources`` name any of the roadside's; and for
-        ``units``, which stand in drawn garages."""
-        if not isinstance(world.layout, FloorLayout):
-            return
-        where = f"the plan's floor {world.layout.floor.name!r}"
+        """ConfigError on a plan's floor that has no unit, where ``sources`` name any of the roadside's; there for
+        ``units``, which stand in drawn garages; and where one of ``sources`` hangs above the ceiling."""
+        if isinstance(world.layout, FloorLayout):
+            self._check_on(world.layout.floor.name, world.unit, sources)
+        for placed in self.placed_in(world):
+            for source, z_m in placed.heights().items():
+                if source in sources and z_m >= world.layout.ceiling_m:
+                    below = f"expected less than the ceiling's {world.layout.ceiling_m:.3g} m"
+                    raise ConfigError(f"DATA_CONFIG.SENSORS: {source}: {below}, found a height of {z_m:g} m")
+
+    def _check_on(self, floor: str, unit: MountedUnit | None, sources: Collection[str]) -> None:
+        where = f"the plan's floor {floor!r}"
         if self.units:
             raise ConfigError(f"DATA_CONFIG.ROADSIDE_UNITS: places in a drawn garage; expected none on {where}")
         asked = ", ".join(source for source in INFRA_SOURCES if source in sources)
-        if world.unit is None and asked:
+        if unit is None and asked:
             raise ConfigError(f"{where}: expected a roadside unit (units: ...) for {asked}, found none")
 
     def placed_in(self, world: World) -> tuple[PlacedRig, ...]:
@@ -130,6 +137,12 @@ class PlacedRig(NamedTuple):
     tracer: Callable[[], RayTracer]
     sources: tuple[str, ...]
     unit: int = 0
+
+    def heights(self) -> dict[str, float]:
+        """Above the floor, m, by source."""
+        poses = self.rig.camera.agent_from_camera, self.rig.lidar.agent_from_lidar
+        known = {f"{self.agent}_{kind}": pose.translation[2] for kind, pose in zip(MODALITIES, poses, strict=True)}
+        return {source: float(known[source]) for source in self.sources}
 
 
 def _as_mounted(infra: Mapping, unit: MountedUnit) -> dict[str, dict]:

@@ -1,5 +1,6 @@
-"""Roadside units of a plan, for whoever drives without ``safety_eval``: videos, the environment, episodes of one's own."""
+"""Roadside units of a plan, where ``safety_eval`` does not look: videos, the environment, episodes of one's own."""
 
+from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
@@ -51,6 +52,15 @@ def test_listed_units_do_not_stand_on_a_plan():
             run_episode(on_the_deck(), LineOfSight(PerceiverSettings(LISTED)), SensorSet.parse(combo))
 
 
+def test_a_sensor_above_the_ceiling_sees_nothing_and_is_refused():
+    cfg = deepcopy(CFG)
+    cfg.SENSORS.INFRA.CAMERA.Z_M = 50.0
+    drive = draw_scenario("pedestrian", 0, 0, 6.0), LineOfSight(PerceiverSettings(cfg))
+    with pytest.raises(ConfigError, match=r"infra_camera: expected less than the ceiling's 7.\d+ m, found .* 50 m"):
+        run_episode(*drive, SensorSet.parse("C+C"))
+    assert run_episode(*drive, SensorSet.parse("C+none")).figures.finished
+
+
 def test_a_video_is_refused_before_it_is_driven(bare, tmp_path):
     """Whichever perceiver drives: the cameras that are shown are those of the configuration."""
     oracle, file = Oracle(PerceiverSettings(CFG)), tmp_path / "drive.mp4"
@@ -72,7 +82,11 @@ def test_a_camera_that_a_unit_has_not_shows_nothing():
 def test_the_environment_says_so_too(bare):
     gym_env = pytest.importorskip("pcdet_avp.closed_loop.gym_env")
     env = gym_env.AvpEnv("pedestrian@cfgs/plans/low_deck.yaml", 6.0, LineOfSight(PerceiverSettings(LISTED)))
-    with pytest.raises(ConfigError, match=IN_A_DRAWN_GARAGE):
+
+    def drive():
         _, info = env.reset(options={"seed": 0, "trial": 0})
         for _ in range(200):
             info = env.step(np.array([info["law_target_speed"]]))[-1]
+
+    with pytest.raises(ConfigError, match=IN_A_DRAWN_GARAGE):
+        drive()
