@@ -167,6 +167,13 @@ def test_what_is_no_yaml(tmp_path):
         read_plan(file)
 
 
+def test_a_file_that_is_no_plan_is_not_told_whole(tmp_path):
+    file = tmp_path / "readme.yaml"
+    file.write_text("some words " * 1000)
+    with pytest.raises(ConfigError, match=r"line 1: plan: expected object, found 'some words [^\n]{40,60}$"):
+        read_plan(file)
+
+
 def test_an_alias_of_what_it_lies_in(tmp_path):
     loops = {"    rows: &r [*r]\n": 8, "    rows:\n      - &r {road: main, side: *r}\n": 9}
     for loop, line in loops.items():
