@@ -70,6 +70,14 @@ def test_a_video_is_refused_before_it_is_driven(bare, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("every", [0, -2, 1.5])
+def test_a_video_of_no_ticks_is_refused_before_it_is_driven(bare, tmp_path, every):
+    how = Oracle(PerceiverSettings(CFG)), SensorSet.parse("C+none"), CFG, tmp_path / "drive.mp4", "t"
+    with pytest.raises(ConfigError, match=r"every: expected a whole number of ticks, 1 or more, found"):
+        write_episode_video(bare, *how, every=every)
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_camera_that_a_unit_has_not_shows_nothing():
     scenario = on_the_deck()
     for camera in (True, False):
