@@ -49,6 +49,7 @@ def test_other_files_are_refused(tmp_path):
             read_checkpoint(tmp_path / f"{name}.pth")
 
 
+@pytest.mark.filterwarnings("ignore:Detected pickle protocol")
 @pytest.mark.parametrize("tail", [b"afety_eval --scenario pedestrian", b".", b"\0" * 20, b"((((", b"0" * 30])
 def test_a_file_that_begins_with_any_byte_is_read_or_refused(tmp_path, tail):
     """Every byte is an instruction of pickle's: those that take from an empty stack end in an IndexError."""
