@@ -30,8 +30,8 @@ from pcdet_avp.datasets.avp.record import read_frame
 from pcdet_avp.datasets.avp.splits import SPLITS
 from pcdet_avp.engine.halves import Roadside, open_roadside
 from pcdet_avp.engine.real_time import FRAME, RealTimeReport, table
-from pcdet_avp.errors import ConfigError, LinkError
-from pcdet_avp.files import write_json
+from pcdet_avp.errors import ConfigError, LinkError, RecordError
+from pcdet_avp.files import check_writable, write_json
 from pcdet_avp.freed_memory import keep_freed_memory
 from pcdet_avp.link import NrV2xConfig
 from pcdet_avp.link.header import MAX_SENDERS
@@ -62,17 +62,24 @@ def parse_arguments() -> argparse.Namespace:
 def address(text: str, option: str) -> tuple[str, int]:
     """``"127.0.0.1:47020"`` as a pair; ConfigError that names the option where it is none."""
     host, _, port = text.rpartition(":")
-    if not host or not port.isdigit() or not 0 < int(port) < 1 << 16:
+    try:
+        host.encode("idna")  # as the socket will
+        number = int(port) if port.isdecimal() else 0
+    except UnicodeError:
+        number = 0
+    if not host or not 0 < number < 1 << 16:
         raise ConfigError(f"{option}: expected HOST:PORT, found {text!r}")
-    return host, int(port)
+    return host, number
 
 
 def recording(cfg, split: str, frames: int, sensors: SensorSet) -> list[tuple[dict, Frame]]:
-    """The first frames of a split, each also as the sample that these sensors make."""
+    """The first frames of a split, each also as the sample that these sensors make; RecordError without any of them."""
     root, how = Path(cfg.DATA_CONFIG.DATA_PATH), PrepareConfig.from_config(cfg.DATA_CONFIG, cfg.CLASS_NAMES)
     ids = find_frames(root, cfg.DATA_CONFIG, cfg.CLASS_NAMES, split)[:frames]
     unit = cfg.DATA_CONFIG.get("ROADSIDE_UNIT")
     read = [read_frame(root, frame_id, sensors.sources, unit=unit) for frame_id in ids]
+    if all(view.image is view.points is None for frame in read for view in (frame.ego, frame.infra)):
+        raise RecordError(f"{root}: split {split!r}: expected {' or '.join(sensors.sources)}, found none in any frame")
     return [(prepare(frame, sensors, how), frame) for frame in read]
 
 
@@ -165,6 +172,8 @@ def main() -> None:
         raise ConfigError(f"--unit: expected a number below {MAX_SENDERS}, found {args.unit}")
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     check_runtime_arguments(args)
+    if args.summary:
+        check_writable(args.summary)
     keep_freed_memory()
     cfg = load_arguments_config(args)
     frames = recording(cfg, args.split, args.frames, SENSORS)

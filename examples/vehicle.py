@@ -32,7 +32,7 @@ from pcdet_avp.datasets.avp.splits import SPLITS
 from pcdet_avp.engine.halves import Vehicle, open_vehicle
 from pcdet_avp.engine.real_time import FRAME, RealTimeReport, table
 from pcdet_avp.errors import ConfigError, LinkError
-from pcdet_avp.files import write_json
+from pcdet_avp.files import check_writable, write_json
 from pcdet_avp.freed_memory import keep_freed_memory
 from pcdet_avp.link import LatentMap, Receiver
 from pcdet_avp.runtime_arguments import add_runtime_arguments, check_runtime_arguments
@@ -146,6 +146,7 @@ class Drive:
         self._told_of: set[int] = set()  # units whose foreign maps were reported
         self._until_s: float | None = None
         self._heard_s, self._last_frame = time.monotonic(), -1
+        self._ahead_s = 0.0  # how far a unit's clock is ahead of this one, at the latest segment; below 0: its age
         self.whole = self.second = Report()
 
     @property
@@ -161,8 +162,8 @@ class Drive:
             report.bytes += sum(map(len, payloads))
         with self.figures.times("receive"):
             for payload in payloads:
-                if self._rng.random() >= self._args.drop:
-                    self.receiver.push(payload)
+                if self._rng.random() >= self._args.drop and self.receiver.push(payload):
+                    self._ahead_s = 1e-6 * self.receiver.newest_us - time.time()
         for sender in self.receiver.foreign.keys() - self._told_of:
             self._told_of.add(sender)
             print(f"unit {sender}: {self._of_another_network(sender)}", flush=True)
@@ -209,6 +210,11 @@ class Drive:
     def _why(self) -> str:
         """What the user may change."""
         if self.receiver.counts["accepted"] and self._until_s is None:
+            heard, wanted = self.receiver.senders, self._args.unit
+            if wanted is not None and not {*heard} & {*wanted}:
+                return f"{self.fates()}, but all from units that --unit does not name: {', '.join(map(str, heard))}"
+            if self._ahead_s > self._args.max_age:
+                return f"{self.fates()}, but a roadside clock is {self._ahead_s:.1f} s ahead of the vehicle's"
             too_old = f"older than --max_age {self._args.max_age:g} s once they were there"
             return f"{self.fates()}, but {too_old}"
         if self.receiver.foreign:
@@ -250,6 +256,8 @@ def main() -> None:
         raise ConfigError(f"--drop: expected a share of 0 to 1, found {args.drop}")
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     check_runtime_arguments(args)
+    if args.summary:
+        check_writable(args.summary)
     keep_freed_memory()
     cfg = load_arguments_config(args)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiving:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -19,13 +20,14 @@ from pcdet_avp.config_scenes import scene_config
 from pcdet_avp.datasets.avp.claim import claimed
 from pcdet_avp.datasets.avp.manifest import Manifest, Scene, planned_scenes, write_manifest
 from pcdet_avp.datasets.avp.record import has_frame, read_frame, write_frame
-from pcdet_avp.errors import ConfigError
+from pcdet_avp.errors import ConfigError, GeometryError
 from pcdet_avp.parallel import run_tasks
 from pcdet_avp.sim.plans.read import read_plan
 from pcdet_avp.sim.rig import Rig, capture
 from pcdet_avp.sim.scenarios.plan_scene import floors_with_units
 from pcdet_avp.sim.scenarios.training_scene import draw_training_scene
 from pcdet_avp.structures.frame import Frame
+from pcdet_avp.structures.scene_config import SceneConfig
 from pcdet_avp.structures.sensor_set import SOURCES
 
 
@@ -93,9 +95,41 @@ def plan(data_cfg: Mapping, frames: int | None = None, seed: int | None = None) 
     if total < 1 or per_scene < 1:
         raise ConfigError(f"a data set needs at least one frame, found {total} frames of {per_scene} a scene")
     seed = require(settings, "SEED", int) if seed is None else seed
-    scene_config(settings)
     captured_sources(settings)
+    scenes = scene_config(settings)
+    Rig.from_config(made_by["SENSORS"])  # raises where a sensor cannot be
+    _check_heights(made_by["SENSORS"], scenes)
+    _check_drawn(scenes, seed)
     return Manifest(planned_scenes(settings, seed, total), complete=False, seed=seed, generator=made_by)
+
+
+def _check_heights(sensors: Mapping, scenes: SceneConfig) -> None:
+    """ConfigError for a sensor that would hang above the ceiling of some scene; a plan's units, and drawn masts, hang
+    below theirs."""
+    if scenes.plan is not None:
+        lowest = min(floor.ceiling_m for floor in floors_with_units(read_plan(scenes.plan)))
+    else:
+        lowest = scenes.garage.ceiling_m[0] if scenes.mast is None else scenes.mast.lowest_ceiling_m
+    agents = ("EGO", "INFRA") if scenes.plan is None and scenes.mast is None else ("EGO",)
+    for agent, sensor in product(agents, ("CAMERA", "LIDAR")):
+        z_m = require(sensors, f"{agent}.{sensor}.Z_M", (int, float))
+        if z_m >= lowest:
+            raise ConfigError(
+                f"DATA_CONFIG.SENSORS.{agent}.{sensor}.Z_M: expected less than the lowest ceiling's {lowest:g} m, "
+                f"found {z_m:g}"
+            )
+
+
+def _check_drawn(scenes: SceneConfig, seed: int) -> None:
+    """ConfigError where the first scene cannot be drawn: before a folder holds a data set that never will be."""
+    try:
+        draw_training_scene(_stream_of(seed, 0), scenes)
+    except GeometryError as error:
+        raise ConfigError(f"DATA_CONFIG.GENERATE: no scene can be drawn by its GARAGE and SCENE ({error})") from error
+
+
+def _stream_of(seed: int, scene: int) -> np.random.Generator:
+    return np.random.default_rng(np.random.SeedSequence([seed, scene]))
 
 
 def captured_sources(settings: Mapping) -> tuple[str, ...]:
@@ -112,8 +146,8 @@ def make_scene(job: SceneJob) -> int:
     """Capture and write the missing frames of one scene; returns how many frames the scene has."""
     settings = job.data_cfg["GENERATE"]
     rig = Rig.from_config(job.data_cfg["SENSORS"])
-    rng = np.random.default_rng(np.random.SeedSequence([job.seed, job.number]))
-    scene, sources = draw_training_scene(rng, scene_config(settings)), captured_sources(settings)
+    scene = draw_training_scene(_stream_of(job.seed, job.number), scene_config(settings))
+    sources = captured_sources(settings)
     for number, frame_id in enumerate(job.scene.frame_ids):
         if not has_frame(job.root, frame_id):
             key = (job.seed, job.number, number)

@@ -16,11 +16,11 @@ import pytest
 from waiting import LAST_S, wait_for
 
 from pcdet_avp import parallel
-from pcdet_avp.config import load_config
+from pcdet_avp.config import apply_overrides, load_config
 from pcdet_avp.datasets import build_dataset
 from pcdet_avp.datasets.avp.manifest import read_manifest, write_manifest
 from pcdet_avp.datasets.avp.record import read_frame
-from pcdet_avp.errors import ConfigError, RecordError
+from pcdet_avp.errors import ConfigError, GeometryError, RecordError
 from pcdet_avp.generate import SceneJob, generate, label_frames, make_scene, plan, scene_config
 
 REPOSITORY = Path(__file__).parents[1]
@@ -252,6 +252,35 @@ def test_wrong_settings_name_the_key():
     del cfg["SENSORS"]
     with pytest.raises(ConfigError, match="SENSORS"):
         plan(cfg)
+
+
+def test_a_sensor_above_the_ceiling_is_refused_before_anything_is_made():
+    """avp_tiny's ceilings are 7.2 m or higher, its unit hangs at 7 m; the low deck of 2.4 m has units of its own."""
+    cfg = load_config(CFG)
+    plan(cfg)
+    cfg.SENSORS.INFRA.LIDAR.Z_M = 50
+    told = r"SENSORS.INFRA.LIDAR.Z_M: expected less than the lowest ceiling's 7.2 m, found 50"
+    with pytest.raises(ConfigError, match=told):
+        plan(cfg)
+    cfg.GENERATE.PLAN = "cfgs/plans/low_deck.yaml"
+    plan(cfg)
+    cfg.SENSORS.EGO.CAMERA.Z_M = 2.5
+    with pytest.raises(ConfigError, match=r"SENSORS.EGO.CAMERA.Z_M: expected less than .* 2.4 m, found 2.5"):
+        plan(cfg)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "error", "told"),
+    [
+        ("SENSORS.EGO.LIDAR.ELEVATION_MIN_DEG", "50", GeometryError, "LiDAR: bad angles"),
+        ("GENERATE.GARAGE.ROAD_LENGTH_M", "[1, 2]", ConfigError, "no scene can be drawn by its GARAGE and SCENE"),
+    ],
+)
+def test_what_no_scene_can_be_made_of_leaves_no_folder(tmp_path, key, value, error, told):
+    """The same command with the value put right then found a folder that held another data set."""
+    with pytest.raises(error, match=told):
+        generate(apply_overrides(load_config(CFG), [key, value]), tmp_path / "set", frames=1, workers=1)
+    assert not (tmp_path / "set").exists()
 
 
 def test_an_unreachable_scheduler_is_one_clear_error(tmp_path, monkeypatch):

@@ -16,6 +16,7 @@ from pcdet_avp.bandwidth.parts import Parts, key_of
 from pcdet_avp.bandwidth.plan import StudyPoint, make_plan, paper_budget_bytes
 from pcdet_avp.engine.distributed import Ranks
 from pcdet_avp.engine.loader import batches
+from pcdet_avp.engine.testing.detect import existing_combos
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.link.cpm import CLASSES
 from pcdet_avp.link.map_size import MapSize
@@ -86,6 +87,7 @@ def run_study(
     workers: int = 0,
 ) -> Study:
     """Every chosen frame through every point; parts of an earlier, interrupted run of the same study are used."""
+    existing_combos(dataset, options.combos, "--combos", logger)  # raises where one lacks sensors
     precision, shape = precision_of(model), latent_shape(model)
     budget = paper_budget_bytes(shape) if options.budget_bytes is None else options.budget_bytes
     size = model.codec.map_size

@@ -12,6 +12,8 @@ from pcdet_avp.config_fields import fields_from
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.sim.dynamics import LongitudinalModel
 
+MAX_TICK_S = 1.0  # beyond, who crosses the way in a tick is nowhere met
+
 
 @dataclass(frozen=True)
 class EpisodeSettings:
@@ -30,6 +32,8 @@ class EpisodeSettings:
         for name in ("tick_s", "time_limit_s"):
             if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):
                 raise ConfigError(f"CLOSED_LOOP.{name.upper()}: expected more than 0, found {getattr(self, name)}")
+        if self.tick_s > MAX_TICK_S:
+            raise ConfigError(f"CLOSED_LOOP.TICK_S: expected at most {MAX_TICK_S:g} s, found {self.tick_s:g}")
         if not (np.isfinite(self.wake_m) and self.wake_m >= 0):
             raise ConfigError(f"CLOSED_LOOP.WAKE_M: expected 0 or more, found {self.wake_m}")
         for name in ("lag_ticks", "hold_ticks"):

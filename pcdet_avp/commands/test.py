@@ -20,6 +20,7 @@ from pcdet_avp.engine.testing.detect import as_scalars, parse_combos
 from pcdet_avp.engine.testing.run import BenchmarkResult, run_test
 from pcdet_avp.engine.training.monitor import write_scalars
 from pcdet_avp.errors import ConfigError
+from pcdet_avp.files import check_writable
 from pcdet_avp.models import detects_objects
 from pcdet_avp.runtime_arguments import add_runtime_arguments, check_runtime_arguments
 
@@ -53,6 +54,8 @@ def parse_arguments() -> argparse.Namespace:
 def main() -> None:
     args = parse_arguments()
     check_runtime_arguments(args)
+    if args.json:
+        check_writable(args.json)
     cfg, combos = load_arguments_config(args), parse_combos(args.combos)
     ranks = distributed.start(args.launcher, args.device)
     try:

@@ -16,6 +16,7 @@ from pcdet_avp.link.header import network_number
 MANIFEST = "manifest.json"
 FORMAT = 1  # raised whenever files or their inputs change their meaning
 HALVES = ("roadside", "vehicle")
+DESCRIBED, DIGEST = ("network", "meaning"), "described_sha256"
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +38,12 @@ class Exported:
         if found != FORMAT:
             raise ExportError(f"{path}: format: expected {FORMAT}, found {found!r}; export the checkpoint again")
         try:
-            network = Network.from_json(content["network"])
-            return cls(Path(folder), network, dict(content["meaning"]), dict(content["files"]), content)
+            network, digest = Network.from_json(content["network"]), content.get(DIGEST)
+            if digest not in (None, described_sha256(content)):  # None: exported before there was one
+                parts = " and ".join(DESCRIBED)
+                raise ExportError(f"{path}: {parts}: not what was exported; export the checkpoint again")
+            files = {str(name): {"sha256": str(about["sha256"])} | about for name, about in content["files"].items()}
+            return cls(Path(folder), network, dict(content["meaning"]), files, content)
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise ExportError(f"{path}: damaged, or written by another version ({error})") from error
 
@@ -69,6 +74,11 @@ class Exported:
 def sha256(content: bytes) -> str:
     """64 hexadecimal digits."""
     return hashlib.sha256(content).hexdigest()
+
+
+def described_sha256(content: Mapping[str, Any]) -> str:
+    """Of what says how a graph's numbers are read: another order of classes swaps them."""
+    return sha256(json.dumps({key: content[key] for key in DESCRIBED}, sort_keys=True).encode())
 
 
 def _json_object(path: Path) -> dict[str, Any]:

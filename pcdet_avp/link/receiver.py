@@ -109,6 +109,7 @@ class Receiver:
         self._streams: dict[StreamKey, Stream] = {}  # the one heard last comes last
         # Segments by what became of them: accepted, repeated, late, damaged, foreign (of another network).
         self.counts: Counter[str] = Counter()
+        self.newest_us = 0  # capture of the segment accepted last, by its unit's clock
         self.foreign: dict[int, int] = {}  # sender -> network, of those that send maps of another one
 
     def push(self, payload: bytes) -> bool:
@@ -148,6 +149,7 @@ class Receiver:
         fate = stream.push(header, body)
         if fate == "accepted":
             self._keep(key, stream)
+            self.newest_us = header.stamp.time_us
         return fate
 
     def _refuse(self, stamp: MapStamp) -> str:

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcdet_avp.errors import ConfigError, SensorError
+from pcdet_avp.sim.plans.floor import FloorLayout
 from pcdet_avp.sim.rays.lidar import LidarNoise, sweep
 from pcdet_avp.sim.rays.raytracer import RayTracer
 from pcdet_avp.sim.render.camera import render
@@ -90,15 +91,35 @@ class Rig:
         lidar = replace(self.ego.lidar, agent_from_lidar=turn @ self.ego.lidar.agent_from_lidar)
         return replace(self, ego=replace(self.ego, camera=camera, lidar=lidar))
 
+    def check_in(self, world: World, sources: Collection[str]) -> None:
+        """ConfigError on a plan's floor that has no unit, where ``sources`` name any of the roadside's; there for
+        ``units``, which stand in drawn garages; and where one of ``sources`` hangs above the ceiling."""
+        if isinstance(world.layout, FloorLayout):
+            self._check_on(world.layout.floor.name, world.unit, sources)
+        for placed in self.placed_in(world):
+            for source, z_m in placed.heights().items():
+                if source in sources and z_m >= world.layout.ceiling_m:
+                    below = f"expected less than the ceiling's {world.layout.ceiling_m:.3g} m"
+                    raise ConfigError(f"DATA_CONFIG.SENSORS: {source}: {below}, found a height of {z_m:g} m")
+
+    def _check_on(self, floor: str, unit: MountedUnit | None, sources: Collection[str]) -> None:
+        where = f"the plan's floor {floor!r}"
+        if self.units:
+            raise ConfigError(f"DATA_CONFIG.ROADSIDE_UNITS: places in a drawn garage; expected none on {where}")
+        asked = ", ".join(source for source in INFRA_SOURCES if source in sources)
+        if unit is None and asked:
+            raise ConfigError(f"{where}: expected a roadside unit (units: ...) for {asked}, found none")
+
     def placed_in(self, world: World) -> tuple[PlacedRig, ...]:
         """The sensors of the ego and of every roadside unit where they stand in a world now; the ego first."""
         ego = PlacedRig("ego", self.ego, world.world_from_ego, world.ego_tracer, EGO_SOURCES)
         return (ego, *self.units_in(world))
 
     def units_in(self, world: World) -> tuple[PlacedRig, ...]:
-        """The sensors of every roadside unit, by number."""
+        """The sensors of every roadside unit, by number. A plan's floor without a unit has one without sensors."""
         if not self.units:
-            rig, sources = self.infra.hung_as(world.unit), INFRA_SOURCES if world.unit is None else world.unit.sources
+            at_the_mast = () if isinstance(world.layout, FloorLayout) else INFRA_SOURCES
+            rig, sources = self.infra.hung_as(world.unit), world.unit.sources if world.unit else at_the_mast
             return (PlacedRig("infra", rig, world.world_from_infra, world.infra_tracer, sources),)
         return tuple(
             PlacedRig("infra", rig, unit.world_from_unit, world.infra_tracer, unit.sources, number)
@@ -116,6 +137,12 @@ class PlacedRig(NamedTuple):
     tracer: Callable[[], RayTracer]
     sources: tuple[str, ...]
     unit: int = 0
+
+    def heights(self) -> dict[str, float]:
+        """Above the floor, m, by source."""
+        poses = self.rig.camera.agent_from_camera, self.rig.lidar.agent_from_lidar
+        known = {f"{self.agent}_{kind}": pose.translation[2] for kind, pose in zip(MODALITIES, poses, strict=True)}
+        return {source: float(known[source]) for source in self.sources}
 
 
 def _as_mounted(infra: Mapping, unit: MountedUnit) -> dict[str, dict]:
@@ -186,6 +213,7 @@ def observe_units(
     A unit captures with those of the sensors that it has; one whose number is in ``silent`` captures nothing. The noise
     of unit 0 is what it is without other units; every unit has a stream of its own. ``threads`` as for ``capture``.
     """
+    rig.check_in(world, sources)
     ego, *units = rig.placed_in(world)
     awake = [unit for unit in units if unit.unit not in silent]
     seen = _captured(_sensors((ego, *awake), key, sources), world, threads)

@@ -190,6 +190,7 @@ class TestGauges:
         ({"HOLD": 1}, "'HOLD'"),
         ({"DYNAMICS": {"TAU": 1}}, "'TAU'"),
         ({"TICK_S": 0}, "TICK_S"),
+        ({"TICK_S": 100.0}, "TICK_S: expected at most 1 s, found 100"),
         ({"LAG_TICKS": -1}, "LAG"),
     ],
 )

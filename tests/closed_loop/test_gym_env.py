@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from pcdet_avp.closed_loop.episode import run_episode
+from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
 from pcdet_avp.closed_loop.perception.oracle import Blind, Oracle
 from pcdet_avp.closed_loop.perception.perceiver import PerceiverSettings
-from pcdet_avp.closed_loop.video.episode_picture import EGO_COLOR
+from pcdet_avp.closed_loop.video.episode_picture import BANNERS, EGO_COLOR
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.sim.scenarios.table import SCENARIOS, draw_scenario
 from pcdet_avp.structures.sensor_set import SensorSet
@@ -76,8 +77,6 @@ def test_observations_count_down_to_the_gap_and_name_the_nearest_first():
 
 
 def test_who_stands_still_is_cut_off_by_the_time_limit():
-    from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
-
     env = gym_env.AvpEnv("t_junction", 8.0, settings=EpisodeSettings(time_limit_s=3.0))
     env.reset(seed=0)
     for _ in range(59):
@@ -137,6 +136,24 @@ def test_gymnasium_records_a_video_of_an_episode(rendered, tmp_path):
         assert read[1].std() > 10
         count += 1
     assert count in (8, 9)  # gymnasium counts the first frame or not, by its version
+
+
+def test_the_last_picture_of_an_episode_says_how_it_ended():
+    """A crash, a whole drive and the end of time, each in a banner that the tick before has not."""
+    blind, limit = Blind(), EpisodeSettings(time_limit_s=2.0)
+    for perceiver, settings, ends in ((blind, None, "crash"), (ORACLE, None, "passed"), (ORACLE, limit, "time")):
+        env = gym_env.AvpEnv("t_junction", 9.0, perceiver, settings=settings, render_mode="rgb_array")
+        env.reset(options={"seed": 3, "trial": 0})
+        before = last = env.render()
+        ended, target = False, 9.0
+        while not ended:
+            *_, terminated, truncated, info = env.step([target])
+            ended, target, before, last = terminated or truncated, info["law_target_speed"], last, env.render()
+        figures = info["log"].figures
+        assert figures.crashed == (ends == "crash")
+        assert truncated == (ends == "time")
+        shown = [(picture == BANNERS[figures.outcome]).all(-1).sum() for picture in (before, last)]
+        assert shown[0] < 1000 < 20_000 < shown[1]
 
 
 def test_an_unknown_render_mode_is_refused():

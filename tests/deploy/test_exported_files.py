@@ -108,10 +108,31 @@ def test_what_is_no_exported_network_is_refused(copy, tmp_path):
             Exported.read(copy)
 
 
+def test_a_manifest_that_was_edited_is_refused(copy):
+    """Classes in another order would be read in it; one exported before there was a hash is taken as it is."""
+    content = json.loads((copy / MANIFEST).read_text())
+    told = r"manifest.json: network and meaning: not what was exported; export the checkpoint"
+    for key, value in (("class_names", ["Pedestrian", "Car"]), ("cell_m", 0.32)):
+        changed(copy, network={**content["network"], key: value})
+        with pytest.raises(ExportError, match=told):
+            Exported.read(copy)
+    changed(copy, described_sha256=None)
+    assert Exported.read(copy).network.cell_m == 0.32
+    changed(copy, **content)
+    assert Exported.read(copy).network.class_names == ("Car", "Pedestrian")
+    changed(copy, meaning={})  # which would fit any configuration
+    with pytest.raises(ExportError, match=told):
+        Exported.read(copy)
+    for files in ({"vehicle/head.onnx": {}}, {"vehicle/head.onnx": "abc"}, ["vehicle/head.onnx"]):
+        changed(copy, **{**content, "files": files})
+        with pytest.raises(ExportError, match=r"manifest.json: damaged, or written by another version"):
+            Exported.read(copy)
+
+
 def test_weights_of_another_configuration_are_refused_by_key(copy, to_export):
     pytest.importorskip("onnxruntime")
     meaning = json.loads((copy / MANIFEST).read_text())["meaning"]
-    changed(copy, meaning={**meaning, "CLASS_NAMES": ["Pedestrian", "Car"]})
+    changed(copy, meaning={**meaning, "CLASS_NAMES": ["Pedestrian", "Car"]}, described_sha256=None)
     with pytest.raises(ExportError, match=r"CLASS_NAMES is .*--ignore_config CLASS_NAMES"):
         open_deployed(copy, "onnxruntime", to_export.cfg)
 

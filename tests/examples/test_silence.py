@@ -3,14 +3,19 @@
 import socket
 import subprocess
 import sys
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from pcdet_avp.config import load_config
+from pcdet_avp.datasets.avp.manifest import Manifest, Scene, read_manifest, write_manifest
+from pcdet_avp.datasets.avp.record import read_record, write_record
 from pcdet_avp.engine.real_time import RealTimeReport
-from pcdet_avp.errors import AvpError, LinkError
+from pcdet_avp.errors import AvpError, ConfigError, LinkError, RecordError
 from pcdet_avp.link import MapStamp, encode
+from pcdet_avp.structures.sensor_set import SensorSet
 
 
 class Half:
@@ -86,6 +91,27 @@ def test_a_vehicle_ends_where_the_silence_lasts(way, clock):
         way.goes_on  # noqa: B018
 
 
+@pytest.mark.parametrize(
+    ("ahead_s", "unit", "why"),
+    [
+        (7.5, None, "1 accepted, but a roadside clock is 7.5 s ahead of the vehicle's"),
+        (-7.5, None, "1 accepted, but older than --max_age 1 s once they were there"),
+        (0.0, [2, 5], "1 accepted, but all from units that --unit does not name: 0"),
+    ],
+)
+def test_why_no_map_was_used(way, clock, ahead_s, unit, why):
+    way._args.unit, here_s = unit, clock.now_s
+    clock.now_s += ahead_s
+    segments = a_map(5, clock)
+    clock.now_s = here_s
+    way.hear(segments)
+    way.look()
+    assert way._half.seen == []
+    clock.now_s += 31
+    with pytest.raises(LinkError, match=rf"no map to use within 30 s: {why}$"):
+        way.goes_on  # noqa: B018
+
+
 def test_both_halves_find_the_same_frame_by_the_number_in_the_packet(example):
     number = example("roadside_unit").frame_number
     assert number(100.0, 20.0) == 2000
@@ -155,3 +181,26 @@ def test_maps_of_another_network_are_left_out_and_named_once(way, clock, capsys)
     clock.now_s += 31
     with pytest.raises(LinkError, match=r"2 foreign, 1 accepted: .*ca46f1bd, this vehicle's is 9fe4bb77"):
         way.goes_on  # noqa: B018
+
+
+def test_a_recording_without_the_sensors_of_a_half_is_refused(example, tiny_data, tmp_path):
+    """A roadside unit would send nothing, twenty times a second."""
+    cfg = load_config("cfgs/avp/cp_tiny.yaml")
+    record = read_record(tiny_data, read_manifest(tiny_data).frame_ids("test")[0])
+    write_record(tmp_path, replace(record, frame_id="a/0", units={}))
+    write_manifest(tmp_path, Manifest((Scene("a", "test", ("0",)),), complete=True))
+    cfg.DATA_CONFIG.DATA_PATH = str(tmp_path)
+    roadside_unit = example("roadside_unit")
+    ((sample, _),) = roadside_unit.recording(cfg, "test", 8, SensorSet.parse("CL+none"))
+    assert len(sample["points"])
+    with pytest.raises(RecordError, match=r"split 'test': expected infra_camera or infra_lidar, found none"):
+        roadside_unit.recording(cfg, "test", 8, roadside_unit.SENSORS)
+
+
+NO_ADDRESS = ("47020", ":47020", "host:0", "host:65536", "host:\u00b2", f"{'a' * 64}:47020", "a..b:1")
+
+
+@pytest.mark.parametrize("text", NO_ADDRESS)
+def test_what_is_no_address_is_refused(example, text):
+    with pytest.raises(ConfigError, match=r"--to: expected HOST:PORT, found"):
+        example("roadside_unit").address(text, "--to")

@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 
-from pcdet_avp.errors import CheckpointError, ConfigError, SensorError
+from pcdet_avp.errors import CheckpointError, ConfigError, OutputError, SensorError
 from pcdet_avp.evaluation.detections_file import read_detections
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
 
@@ -55,6 +55,11 @@ def test_some_combinations_on_another_split_print_their_rows(call, trained, caps
     assert "Split 'val', by scene:" in printed
     assert printed.count("| ours ") == printed.count("| paper ") == 4
     assert (trained / "eval" / "checkpoint_epoch_2" / "val" / "default" / "result.json").exists()
+
+
+def test_a_json_file_that_cannot_be_written_is_said_before_anything_is_tested(call, tmp_path):
+    with pytest.raises(OutputError, match=r"cannot write this file \(Is a directory\)"):
+        call(tmp_path, "test", "--ckpt", "no_such.pth", "--json", tmp_path)
 
 
 def test_detections_are_kept_as_arrays_and_as_texts(call, trained, tmp_path):

@@ -192,6 +192,8 @@ def _placed(recording: Recording, rig: Rig) -> tuple[PlacedUnit, ...]:
     units = []
     for placed in rig.units_in(recording.seek(0)):
         pose, has = placed.world_from_agent, placed.sources
+        if not has:
+            continue  # a plan's floor without a unit
         x, y, z = pose.apply(placed.rig.lidar.agent_from_lidar.translation)
         sensors = "infra_camera" in has, "infra_lidar" in has
         units.append(PlacedUnit(placed.unit, float(x), float(y), float(z), pose.yaw, *sensors))

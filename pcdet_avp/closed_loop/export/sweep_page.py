@@ -46,4 +46,4 @@ def telling_trial(rows: Iterable[EpisodeRow]) -> Case | None:
 
 def episode_stem(case: Case) -> str:
     """The name of an episode's files, without a suffix; on a plan, with the plan's name."""
-    return f"{page_stem(case.scenario, case.perception)}_{case.combo}_{case.speed:g}_{case.trial}"
+    return f"{page_stem(case.scenario, case.perception)}_{case.combo}_{case.speed:.12g}_{case.trial}"

@@ -19,7 +19,7 @@ def write_sweep_videos(sweep: Sweep, finished: Finished, folder: Path, driver: C
     rows = [row for row, _ in finished.values() if row.case[:2] == (sweep.scenario, sweep.perception)]
     driver, files = driver or CaseDriver(sweep), []
     for case in telling_cases(row for row in rows if row.case.combo in (*sweep.combos, ANY_COMBO)):
-        file = folder / f"{file_name(case.scenario)}_{case.perception}_{case.combo}_{case.speed:g}_{case.trial}.mp4"
+        file = folder / f"{file_name(case.scenario)}_{case.perception}_{case.combo}_{case.speed:.12g}_{case.trial}.mp4"
         if not all(any(folder.glob(f"{file.stem}_{name}.*")) for name in ("poster", "stills")):
             driven = driver.drive(case)
             write_recording_video(driven.recording, driven.rig, file, driven.record.title, driver.settings)

@@ -38,6 +38,7 @@ class LineOfSight:
         self._sought = tuple(threat.object_id for threat in scenario.threats)
 
     def perceive(self, world: World, tick: int, sensor_set: SensorSet) -> Perceived:
+        self._rig.check_in(world, sensor_set.sources)
         users = world.road_users()
         rows = np.flatnonzero(np.isin(users.object_ids, self._sought))
         boxes, names = transform_boxes(world.world_from_ego.inverse(), users.boxes[rows]), users.names[rows]

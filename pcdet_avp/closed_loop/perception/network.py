@@ -206,7 +206,13 @@ def load_exported(
 def _driving_scores(
     min_scores: Sequence[float], thresholds: Mapping[str, float], class_names: Sequence[str], file: str
 ) -> list[float]:
-    """Detections of a class count from its threshold on; a class without one keeps POST_PROCESSING.SCORE_THRESH."""
+    """Detections of a class count from its threshold on; a class without one keeps POST_PROCESSING.SCORE_THRESH.
+
+    CheckpointError where a threshold is no score.
+    """
+    for name, score in thresholds.items() if isinstance(thresholds, Mapping) else [("", thresholds)]:
+        if isinstance(score, bool) or not isinstance(score, int | float) or not 0 <= score <= 1:
+            raise CheckpointError(f"{file}: {THRESHOLDS_KEY}: {name}: expected a number from 0 to 1, found {score!r}")
     missing = [name for name in class_names if name not in thresholds]
     if missing:
         logger.warning("%s: no score threshold for driving for %s; POST_PROCESSING's is used", file, ", ".join(missing))

@@ -17,8 +17,8 @@ from typing import Any
 from pcdet_avp import __version__
 from pcdet_avp.closed_loop.sweep.episode_row import Case, EpisodeRow
 from pcdet_avp.closed_loop.sweep.results import SUMMARY
-from pcdet_avp.errors import RecordError
-from pcdet_avp.files import write_json
+from pcdet_avp.errors import AvpError, RecordError
+from pcdet_avp.files import write_bytes, write_json
 from pcdet_avp.folder_lock import sole_user
 from pcdet_avp.provenance import git_commit
 from pcdet_avp.sim.scenarios.table import file_name, plays_on_plan
@@ -101,15 +101,30 @@ def _parsed(line: bytes, where: str) -> tuple[EpisodeRow, float]:
 def open_journal(folder: Path, claim: Mapping[str, Any]) -> Iterator[Journal]:
     """The folder's journal, if what is to run agrees with what it holds (``claim``: name -> what must agree).
 
-    RecordError where it does not, or where another process has it open.
+    RecordError where it does not, or where another process has it open. A run that ends in an error of ours before its
+    first episode, such as for weights of another configuration, leaves the claim as it was.
     """
     with sole_user(folder):
-        journal = Journal(folder)
+        journal, file = Journal(folder), folder / CLAIM
         try:
-            _claim(folder / CLAIM, json.loads(json.dumps(claim)))
-            yield journal
+            before, count = file.read_bytes() if file.exists() else None, len(journal.finished)
+            _claim(file, json.loads(json.dumps(claim)))
+            try:
+                yield journal
+            except AvpError:
+                if len(journal.finished) == count:
+                    _restore(file, before)
+                raise
         finally:
             journal.close()
+
+
+def _restore(file: Path, content: bytes | None) -> None:
+    """The claim of the runs before; no file where there was none."""
+    if content is None:
+        file.unlink()
+    else:
+        write_bytes(file, content)
 
 
 def _claim(file: Path, claim: dict[str, Any]) -> None:

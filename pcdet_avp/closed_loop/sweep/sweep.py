@@ -104,10 +104,11 @@ def _ask(sweep: Sweep, journal: Journal, pool: TaskPool, asked: set[Case]) -> No
 
 
 def _wanted(sweep: Sweep, finished: Finished) -> list[Case]:
-    """Cases that are missing as far as is known now, trial by trial."""
+    """Cases that are missing as far as is known now, trial by trial; the baseline's last, so that weights which are
+    refused are refused first."""
     cells = _next_cells(sweep, finished) if sweep.search else _all_cells(sweep)
     cases = (case for cell in cells for case in sweep.cases(*cell) if case not in finished)
-    return sorted(cases, key=lambda case: (case.trial, case))
+    return sorted(cases, key=lambda case: (case.trial, case.perception == BASELINE, case))
 
 
 def _all_cells(sweep: Sweep) -> Iterable[tuple[str, str, float, int]]:

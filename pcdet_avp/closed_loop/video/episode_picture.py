@@ -97,6 +97,7 @@ class EpisodePainter:
             tints = [IGNORED_COLOR] * len(moment.ignored) + tints + [FUSED_COLOR] * len(found)
         to_agent = view.world_from_agent.inverse()
         name = {"ego": "vehicle camera", "infra": "roadside camera" + ("" if used else " (not used)")}[agent]
+        name = name if view.image is not None else "no roadside camera"
         boxes = transform_boxes(to_agent, np.concatenate(boxes))
         panel = camera_panel(view, boxes, np.array(tints, np.uint8).reshape(-1, 3), name, CAMERA_PX[0])
         return panel if used else panel // 2

@@ -47,7 +47,7 @@ class PlanView:
 
 def _ending(episode: Episode) -> tuple[str, str]:
     """Text and outcome of an episode that is over."""
-    log = episode.log()
-    if log.outcome == "none":
-        return ("passed without a contact" if log.finished else "time is up"), "none"
-    return f"{log.outcome} contact", log.outcome
+    figures = episode.log().figures
+    if figures.outcome == "none":
+        return ("passed without a contact" if figures.finished else "time is up"), "none"
+    return f"{figures.outcome} contact", figures.outcome

@@ -85,12 +85,12 @@ def targets_alone(recording: Recording, settings: EpisodeSettings) -> np.ndarray
 
 def camera_views(world: World, rig: Rig, key: Sequence[int], widest_px: int) -> tuple[AgentView, AgentView]:
     """What the cameras of the vehicle and of roadside unit 0 see of the world as it stands; wider images are made
-    smaller. ``key`` fixes their noise."""
+    smaller. ``key`` fixes their noise. A unit without a camera has a view without an image."""
     views = []
-    for agent, sensors, pose, tracer, _, _ in rig.placed_in(world)[:2]:
-        camera = at_most(sensors.camera, widest_px)
-        image = render(tracer(), camera, pose, world.lighting, sensor_rng(key, f"{agent}_camera")).image
-        views.append(AgentView(pose, camera, image))
+    for agent, sensors, pose, tracer, has, _ in rig.placed_in(world)[:2]:
+        camera, source = at_most(sensors.camera, widest_px), f"{agent}_camera"
+        seen = render(tracer(), camera, pose, world.lighting, sensor_rng(key, source)) if source in has else None
+        views.append(AgentView(pose, camera, None if seen is None else seen.image))
     return tuple(views)
 
 

@@ -24,6 +24,8 @@ from pcdet_avp.closed_loop.video.episode_picture import (
     Moment,
 )
 from pcdet_avp.closed_loop.video.recording import Recording, camera_views, record_episode, targets_alone
+from pcdet_avp.errors import ConfigError
+from pcdet_avp.files import check_writable
 from pcdet_avp.sim.rig import Rig
 from pcdet_avp.sim.scenarios.scenario import Scenario
 from pcdet_avp.structures.boxes import transform_boxes
@@ -52,11 +54,16 @@ def write_episode_video(
     ``<stem>_stills.jpg`` beside it). Returns the episode's log.
 
     The cameras that are shown come from ``data_cfg["SENSORS"]``. ``title`` says which perception drives. ``every``:
-    2 shows every other tick. The video runs in real time.
+    2 shows every other tick. The video runs in real time. ConfigError and OutputError before anything is driven, where
+    ``every`` or ``file`` cannot be.
     """
+    if not isinstance(every, int) or every < 1:
+        raise ConfigError(f"every: expected a whole number of ticks, 1 or more, found {every!r}")
+    check_writable(file)
     settings = settings or EpisodeSettings()
-    recording = record_episode(scenario, perceiver, sensor_set, settings)
     rig = Rig.from_config(data_cfg["SENSORS"], mounted_units(data_cfg.get("ROADSIDE_UNITS")))
+    rig.check_in(scenario.world(), sensor_set.sources)
+    recording = record_episode(scenario, perceiver, sensor_set, settings)
     write_recording_video(recording, rig.reversed() if scenario.reversing else rig, file, title, settings, every)
     return recording.log
 

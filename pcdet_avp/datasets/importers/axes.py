@@ -33,6 +33,7 @@ Numbers = Sequence[float] | np.ndarray
 
 MIRROR_Y = np.array([1.0, -1.0, 1.0])
 SMALLEST_SIZE_M = 0.01  # a box that is thinner has no size: CARLA and DAIR-V2X list some of 0
+LARGEST_SIZE_M = 60.0  # longer than any road vehicle: centimetres, most likely
 # A calibration that is no rotation is replaced by the nearest one if no entry differs by more: 1 cm at 1 m.
 REPAIRED = 0.01
 SHEARED = 0.25  # the same of a camera's, whose effect on the pixels is kept; one of DAIR-V2X's is off by 0.18
@@ -68,15 +69,19 @@ def upright(world_from_x: Pose, floor_z: float) -> Pose:
 
 
 def unreal_camera(agent_from_sensor: Pose, width: int, height: int, intrinsics: np.ndarray) -> PinholeCamera:
-    """A camera that looks along the x axis of its sensor frame; ``intrinsics`` K (3, 3) in pixels."""
-    fx, fy, cx, cy = intrinsics[0, 0], intrinsics[1, 1], intrinsics[0, 2], intrinsics[1, 2]
-    return PinholeCamera(width, height, fx, fy, cx, cy, agent_from_sensor @ Pose(OPTICAL))
+    """A camera that looks along the x axis of its sensor frame; ``intrinsics`` K (3, 3) in pixels.
+
+    GeometryError where K has a skew, or is none.
+    """
+    _refuse_skew(intrinsics)
+    return _camera(width, height, intrinsics, agent_from_sensor @ Pose(OPTICAL))
 
 
 def unreal_box(world_from_actor: Pose, centre: Numbers, extent: Numbers) -> np.ndarray | None:
     """(7,) in our world: ``centre`` (3,) in the actor's own left-handed frame, ``extent`` (3,) half sizes; metres.
 
-    None where the box has no size. Its pitch and roll are left out: our boxes stand upright.
+    None where the box has no size, GeometryError where none can be meant. Its pitch and roll are left out: our boxes
+    stand upright.
     """
     return box_of(world_from_actor.apply(points_from_unreal(centre)), 2.0 * np.asarray(extent), world_from_actor.yaw)
 
@@ -96,7 +101,11 @@ def corner_box(corners: np.ndarray) -> np.ndarray | None:
 
 
 def box_of(centre: np.ndarray, sizes: np.ndarray, heading: float) -> np.ndarray | None:
-    """(7,), or None where a size is below ``SMALLEST_SIZE_M``."""
+    """(7,), or None where a size is below ``SMALLEST_SIZE_M``; GeometryError where one is negative or no car's."""
+    if np.min(sizes) < 0 or np.max(sizes) > LARGEST_SIZE_M:
+        raise GeometryError(
+            f"box: expected sizes in metres, from 0 to {LARGEST_SIZE_M:g}, found {' x '.join(f'{s:g}' for s in sizes)}"
+        )
     return None if np.min(sizes) < SMALLEST_SIZE_M else np.array([*centre, *sizes, heading])
 
 
@@ -121,8 +130,10 @@ def pinhole(
     If the rotation is none, the pixel ``K (R p + t)`` of every point is kept by other intrinsics: ``K R`` is parted
     anew into an upper triangle and a rotation. Only the triangle's skew is lost, and the second value says how many
     pixels that moves a point at the image's upper or lower edge. GeometryError if it is more than ``MAX_SKEW`` of the
-    width, if an entry of ``R`` differs by more than ``SHEARED`` from the nearest rotation, or if ``R`` mirrors.
+    width, if an entry of ``R`` differs by more than ``SHEARED`` from the nearest rotation, if ``R`` mirrors, or if
+    ``intrinsics`` have a skew themselves.
     """
+    _refuse_skew(intrinsics)
     skew_px, translation, (_, off) = 0.0, np.ravel(translation), _nearest(rotation)
     _refuse_beyond(rotation, off, SHEARED)
     if off > ROUNDED:
@@ -131,8 +142,20 @@ def pinhole(
         raise GeometryError(f"shears the image by {skew_px:.1f} pixels, at most {MAX_SKEW * width:.1f} are left out")
     camera_from_agent = np.eye(4)
     camera_from_agent[:3, :3], camera_from_agent[:3, 3] = rotation, translation
+    return _camera(width, height, intrinsics, Pose(camera_from_agent).inverse()), skew_px
+
+
+def _camera(width: int, height: int, intrinsics: np.ndarray, agent_from_camera: Pose) -> PinholeCamera:
     fx, fy, cx, cy = intrinsics[0, 0], intrinsics[1, 1], intrinsics[0, 2], intrinsics[1, 2]
-    return PinholeCamera(width, height, fx, fy, cx, cy, Pose(camera_from_agent).inverse()), skew_px
+    return PinholeCamera(width, height, fx, fy, cx, cy, agent_from_camera)
+
+
+def _refuse_skew(intrinsics: np.ndarray) -> None:
+    """GeometryError where K is not [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]: the other entries would be lost."""
+    others = intrinsics * [[0, 1, 0], [1, 0, 0], [1, 1, 1]] - np.diag([0.0, 0.0, 1.0])
+    if np.abs(others).max() > ROUNDED:
+        found = ", ".join(str([float(f"{entry:g}") for entry in row]) for row in intrinsics)
+        raise GeometryError(f"intrinsics: expected [fx, 0, cx], [0, fy, cy], [0, 0, 1], found {found}")
 
 
 def _nearest(block: np.ndarray) -> tuple[np.ndarray, float]:

@@ -27,6 +27,8 @@ Ours from theirs (axes.py says how):
                         stands at the middle of its capsule, a vehicle's on the ground; the same rule serves both
     class               vehicle.* with four wheels or more: Car; walker.pedestrian.*: Pedestrian; two-wheelers are
                         left out and counted. The ego is no label
+    static_cars         without those that stand where a vehicle's actor stands in any frame: it was spawned before
+                        the map was asked, and drives away
 """
 
 from __future__ import annotations
@@ -75,7 +77,9 @@ from pcdet_avp.datasets.importers.recording import (
 from pcdet_avp.errors import RecordError
 from pcdet_avp.structures.frame import AgentView
 from pcdet_avp.structures.pose import Pose
+from pcdet_avp.structures.rotated_iou import iou_3d
 
+SAME_BODY = 0.2  # of a union of volumes: two bodies cannot stand in each other
 SAME_PLACE = 1e-3  # metres, and entries of rotations: a depth camera beside its camera
 
 
@@ -92,6 +96,7 @@ class CarlaRecording:
         self._scenes = {folder.name: CarlaScene.open(folder) for folder in folders}
         self.scenes: Sequence[SourceScene] = [_source(name, scene) for name, scene in self._scenes.items()]
         self._times: dict[tuple[str, str], float] = {}  # of frames that have been looked at
+        self._parked: dict[str, list[WorldBox]] = {}  # scene -> the map's own cars
 
     def read(self, scene: str, frame: str) -> Imported:
         """One frame; RecordError names the file and what is wrong with it."""
@@ -110,7 +115,7 @@ class CarlaRecording:
             world_from_unit = upright(pose_of(top["sensors"][first.name]), floor)
             units[name] = _view(known, name, frame, top, world_from_unit, images)
         boxes = [self._box(i, actor) for i, actor in actors.items() if i != known.ego_id]
-        boxes += [self._static_box(-1 - i, entry) for i, entry in enumerate(known.static_cars)]
+        boxes += self._map_cars(scene)
         labels = labels_in_ego(view.world_from_agent, [box for box in boxes if box is not None])
         return Imported(Record(f"{scene}/{frame}", time_s, view, units, labels), images)
 
@@ -133,16 +138,40 @@ class CarlaRecording:
         name = self._class(actor)
         if name is None:
             return None
-        bounding_box, pose = actor["bounding_box"], pose_of(actor["transform"])
-        box = unreal_box(pose, xyz(bounding_box["location"]), xyz(bounding_box["extent"]))
+        box = _actor_box(actor)
         if box is None:
             self.notes.add(f"{name} without a size left out", f"{actor.file}: {actor.name}")
             return None
         return WorldBox(object_id, name, box)
 
+    def _map_cars(self, scene: str) -> list[WorldBox]:
+        """The map's own parked cars, but for those in whose place another one or, in any frame, an actor stands."""
+        if scene not in self._parked:
+            entries = enumerate(self._scenes[scene].static_cars)
+            found = [box for box in (self._static_box(-1 - i, entry) for i, entry in entries) if box is not None]
+            actors = self._vehicles(scene) if found else []
+            kept: list[WorldBox] = []
+            for box in found:
+                if _meets(box.box, actors):
+                    self.notes.add("car of the map left out, because it is an actor", _place(scene, box))
+                elif _meets(box.box, [other.box for other in kept]):
+                    self.notes.add("car of the map left out, because it is listed twice", _place(scene, box))
+                else:
+                    kept.append(box)
+            self._parked[scene] = kept
+        return self._parked[scene]
+
+    def _vehicles(self, scene: str) -> list[np.ndarray]:
+        """Boxes (7,) in the world of every vehicle in every frame, the ego included."""
+        known = self._scenes[scene]
+        frames = next(source.frames for source in self.scenes if source.name == scene)
+        tops = (Field.load(known.folder / FRAMES / f"{frame}.json") for frame in frames)
+        vehicles = (a for top in tops for a in top["actors"] if a["type_id"].of(str).startswith("vehicle."))
+        return [box for box in map(_actor_box, vehicles) if box is not None]
+
     def _static_box(self, object_id: int, entry: Field) -> WorldBox | None:
         """A car of the map: place and rotation are in the world, ids count down from -1."""
-        box = unreal_box(pose_of(entry), (0.0, 0.0, 0.0), xyz(entry["extent"]))
+        box = entry.build(unreal_box, pose_of(entry), (0.0, 0.0, 0.0), xyz(entry["extent"]))
         if box is None:
             self.notes.add("car of the map without a size left out", f"{entry.file}: {entry.name}")
         return None if box is None else WorldBox(object_id, "Car", box)
@@ -157,6 +186,21 @@ class CarlaRecording:
                 return "Car"
             self.notes.add("two-wheeler left out", f"{actor.file}: {actor.name} ({kind})")
         return None
+
+
+def _actor_box(actor: Field) -> np.ndarray | None:
+    """(7,) in the world; None where it has no size."""
+    bounding_box, pose = actor["bounding_box"], pose_of(actor["transform"])
+    return bounding_box.build(unreal_box, pose, xyz(bounding_box["location"]), xyz(bounding_box["extent"]))
+
+
+def _meets(box: np.ndarray, others: Sequence[np.ndarray]) -> bool:
+    """Whether another box takes so much of the same room that both are one body."""
+    return bool(others) and bool((iou_3d(box[None], np.stack(others)) > SAME_BODY).any())
+
+
+def _place(scene: str, box: WorldBox) -> str:
+    return f"scene {scene}: static_cars[{-1 - box.object_id}]"
 
 
 def _by_id(entries: Field) -> dict[int, Field]:

@@ -9,7 +9,8 @@
 Ours from theirs (axes.py says how):
     an agent's frame    below its LiDAR, along the LiDAR's x axis; the camera must look that way, within 60 degrees
     floor               nowhere recorded. Taken from the labels: their lower faces, as seen from each side's LiDAR,
-                        within 30 m of it. The median over a scene is how high the LiDAR hangs
+                        within 30 m of it. The median over a scene is how high the LiDAR hangs; a scene without such a
+                        label is left out, and counted
     offset              ``system_error_offset`` of the pair, else ``relative_error`` of the calibration, is added to the
                         roadside's place in the world
     camera              ``cam_K`` alone: the images are taken as undistorted, as DAIR-V2X's own code takes them
@@ -93,8 +94,10 @@ class DairV2x:
             frames = self._pairs.setdefault(text(entry["batch_id"]), {})
             if frames.setdefault(Path(entry["pointcloud_path"].of(str)).stem, pair) is not pair:
                 self.notes.add("pair left out, because an earlier one has the same vehicle frame", _name_of(pair))
-        self.scenes: Sequence[SourceScene] = [self._scene(name) for name in self._pairs]
         self._heights: dict[str, tuple[float, float]] = {}
+        self.scenes: Sequence[SourceScene] = [self._scene(name) for name in self._pairs if self._has_floor(name)]
+        if not self.scenes:
+            raise RecordError(f"{self._src}: {'; '.join(self.notes.lines())}")
 
     def _scene(self, name: str) -> SourceScene:
         pairs = dict(sorted(self._pairs[name].items(), key=lambda item: self._time(item[1])))
@@ -117,7 +120,9 @@ class DairV2x:
         pair = self._pairs[scene][frame]
         vehicle, roadside = self._world_from_lidars(pair)
         boxes = self._boxes(pair)
-        heights = self._heights_of(scene)
+        heights = self._heights.get(scene)
+        if heights is None:
+            raise RecordError(f"{self._src}: batch {scene}: no frame has all of its files")
         images: dict[str, bytes] = {}
         ego = self._view(self._vehicle, entry_of(self._vehicle, pair, "vehicle"), vehicle, heights[0], "ego", images)
         entry = entry_of(self._roadside, pair, "infrastructure")
@@ -200,25 +205,27 @@ class DairV2x:
             self.notes.add(BY_CORNERS, _name_of(row))
         return WorldBox(number, "Car", box)
 
-    def _heights_of(self, scene: str) -> tuple[float, float]:
-        """How high the two LiDARs hang above the road, metres: medians over a scene's labels near them."""
-        if scene not in self._heights:
-            above: tuple[list[float], list[float]] = ([], [])
-            notes, self.notes = self.notes, Notes()  # the labels are read again, and counted then
-            for pair in self._pairs[scene].values():
-                if all(file.exists() for file in self._files(pair)):
-                    boxes = self._boxes(pair)
-                    for heights, pose in zip(above, self._world_from_lidars(pair), strict=True):
-                        heights += _heights_over(pose, boxes)
-            self.notes = notes
-            if not all(above):
-                side = ("vehicle", "roadside unit")[[*map(bool, above)].index(False)]
-                raise RecordError(
-                    f"{self._src}: batch {scene}: no label within {NEAR_M:g} m of the {side}'s LiDAR, so that nothing "
-                    "tells where the road is"
-                )
+    def _has_floor(self, scene: str) -> bool:
+        """Note how high a scene's two LiDARs hang above the road, metres: medians over its labels near them.
+
+        False, and told, where no label is near one of them. A scene without one whole frame is left to who reads it.
+        """
+        above: tuple[list[float], list[float]] = ([], [])
+        notes, self.notes = self.notes, Notes()  # the labels are read again, and counted then
+        whole = [p for p in self._pairs[scene].values() if all(file.exists() for file in self._files(p))]
+        for pair in whole:
+            boxes = self._boxes(pair)
+            for heights, pose in zip(above, self._world_from_lidars(pair), strict=True):
+                heights += _heights_over(pose, boxes)
+        self.notes = notes
+        if whole and not all(above):
+            side = ("vehicle", "roadside unit")[[*map(bool, above)].index(False)]
+            what = f"no label within {NEAR_M:g} m of the {side}'s LiDAR tells where the road is"
+            self.notes.add(f"batch left out, because {what}", f"batch {scene}, {len(whole)} frames")
+            return False
+        if whole:
             self._heights[scene] = (float(np.median(above[0])), float(np.median(above[1])))
-        return self._heights[scene]
+        return True
 
 
 def _heights_over(world_from_lidar: Pose, boxes: Iterable[WorldBox]) -> list[float]:

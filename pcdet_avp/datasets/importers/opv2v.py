@@ -62,6 +62,7 @@ from pcdet_avp.structures.pose import Pose
 
 INTERVAL_S = 0.1
 SPLITS = {"train": "train", "validate": "val", "test": "test", "test_culvercity": "test", "test_culver_city": "test"}
+SPLITS |= dict.fromkeys(("val", "valid", "validation"), "val")
 CLOUD, IMAGE = "{}.pcd", "{}_camera0.png"
 _Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # ten times as fast, where libyaml is there
 
@@ -157,8 +158,8 @@ class Opv2v:
         """The vehicles that any agent lists, each once, the ego left out."""
         boxes: dict[int, WorldBox] = {}
         for top in tops.values():
-            listed = top.get("vehicles", {})
-            for key in listed.of(dict):
+            listed = top["vehicles"]
+            for key in listed.of(dict) if listed else ():  # YAML writes none as nothing
                 entry, object_id = listed[key], _number(listed[key])
                 if object_id == ego_id or object_id in boxes:
                     continue
@@ -186,7 +187,8 @@ def _scenarios(src: Path) -> list[tuple[Path, str | None]]:
         return [(src, SPLITS.get(src.parent.name))]
     found = [(folder, SPLITS.get(src.name)) for folder in subfolders(src) if _agent_folders(folder)]
     for split in subfolders(src):
-        found += [(folder, SPLITS.get(split.name)) for folder in subfolders(split) if _agent_folders(folder)]
+        told = SPLITS.get(split.name, split.name)  # a name that means no split is refused later, unless --splits tells
+        found += [(folder, told) for folder in subfolders(split) if _agent_folders(folder)]
     if not found:
         raise RecordError(f"{src}: no scenario: expected folders <scenario>/<agent's number>/<timestamp>.yaml")
     return found
@@ -227,7 +229,7 @@ def _pose(field: Field) -> Pose:
 def _box(entry: Field) -> np.ndarray | None:
     roll, yaw, pitch = entry["angle"].numbers(3)
     world_from_actor = pose_from_unreal(entry["location"].numbers(3), roll, pitch, yaw)
-    return unreal_box(world_from_actor, entry["center"].numbers(3), entry["extent"].numbers(3))
+    return entry.build(unreal_box, world_from_actor, entry["center"].numbers(3), entry["extent"].numbers(3))
 
 
 def _number(entry: Field) -> int:

@@ -23,6 +23,7 @@ from pcdet_avp.datasets.importers.recording import Recording, SourceScene
 from pcdet_avp.errors import RecordError
 
 FORMATS: dict[str, Callable[[Path], Recording]] = {"opv2v": Opv2v, "dair_v2x": DairV2x, "carla": CarlaRecording}
+METADATA = (".json", ".yaml")
 _UNNAMEABLE = re.compile(r"[^A-Za-z0-9_\-.]")
 
 
@@ -52,6 +53,9 @@ def import_recording(
     scenes = [scene for scene in scenes if scene.frames]
     if not scenes:
         raise RecordError(f"{format_name}: no frame has all of its files")
+    for scene in scenes:
+        if all(file.suffix in METADATA for files in scene.frames.values() for file in files):
+            raise RecordError(f"{format_name}: scene {scene.name!r} has no sensor: no picture, no cloud")
     made_by = {"IMPORT": {"FORMAT": format_name, "SOURCE_SHA256": _fingerprint(scenes)}}
     manifest = _plan(scenes, recording.class_names, made_by, splits, seed)
     with claimed(out, manifest):
@@ -104,9 +108,10 @@ def _plan(
     splits: Mapping[str, str] | None,
     seed: int,
 ) -> Manifest:
-    untold = next((scene.name for scene in scenes if scene.split is None), None)
+    untold = next((scene for scene in scenes if scene.split not in SPLITS), None)
     if splits is None and untold is not None and any(scene.split for scene in scenes):
-        raise RecordError(f"scene {untold!r} lies in no folder of a split, as others do: name the splits with --splits")
+        where = f"folder {untold.split!r}, which names no split" if untold.split else "no split's folder, as others do"
+        raise RecordError(f"scene {untold.name!r} lies in {where}: name the splits with --splits")
     drawn = assign_splits([scene.name for scene in scenes], seed)
     named = [splits.get(s.name) if splits is not None else s.split or drawn[s.name] for s in scenes]
     if None in named:

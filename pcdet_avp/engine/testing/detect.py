@@ -49,10 +49,15 @@ def existing_combos(dataset: Any, wanted: Sequence[str] | None, asked_by: str, l
 
     A name that stands there twice stays twice (it is drawn twice as often in training).
 
-    SensorError where one that was asked for by name needs sensors that no frame has.
+    SensorError where one that was asked for by name needs sensors that no frame has, or where all need some.
     """
     sources = getattr(dataset, "recorded_sources", SOURCES)
     there = combos_with(sources)
+    if not there:
+        raise SensorError(
+            f"{dataset.root_path}: recorded are {', '.join(sources) or 'no sensors'} only: every sensor combination "
+            "has a sensor of the vehicle"
+        )
     if wanted is None or set(wanted) == set(SENSOR_SETS):
         missing = [name for name in SENSOR_SETS if name not in there]
         if missing:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import pickle
 from collections.abc import Sequence
 from typing import Any
 
@@ -17,6 +16,7 @@ from pcdet_avp.models.cpu_kernels import patches
 from pcdet_avp.models.memory_layout import for_convolutions
 from pcdet_avp.models.norm import drop_foreign_norms, make_norm, norm_relu
 from pcdet_avp.models.pointwise import PointwiseConv2d
+from pcdet_avp.models.weights.checkpoint_file import UNREADABLE
 
 STRIDE = 4  # image pixels per side of a feature pixel
 STEM_KINDS = ("conv", "patches")
@@ -92,7 +92,7 @@ def load_imagenet_weights(resnet: ResNet, path: str | os.PathLike) -> list[str]:
     """
     try:
         state = torch.load(path, map_location="cpu", weights_only=True)
-    except (OSError, RuntimeError, EOFError, pickle.UnpicklingError) as error:
+    except (OSError, *UNREADABLE) as error:
         raise ConfigError(f"{path}: cannot be read as a state dict ({error})") from error
     kept, dropped = drop_foreign_norms(state, resnet)
     own = resnet.state_dict()

@@ -18,7 +18,7 @@ from torch import nn
 from tqdm import tqdm
 
 import pcdet_avp
-from pcdet_avp.deploy.manifest import FORMAT, HALVES, MANIFEST, sha256
+from pcdet_avp.deploy.manifest import DIGEST, FORMAT, HALVES, MANIFEST, described_sha256, sha256
 from pcdet_avp.deploy.runtime import OnnxRuntime, open_runtime
 from pcdet_avp.errors import ExportError, OutputError
 from pcdet_avp.files import make_folder, write_bytes, write_json
@@ -64,7 +64,8 @@ def export_network(
             "libraries": _versions(),
         }
         content = {**about, **facts, "image_shape": list(image_shape), "network": network.as_json(), "files": files}
-        write_json(aside / MANIFEST, {**content, "meaning": dict(model.meaning.values)})
+        content["meaning"] = dict(model.meaning.values)
+        write_json(aside / MANIFEST, {**content, DIGEST: described_sha256(content)})
         if calibration is not None:
             quantise_convolutions(aside, calibration)
     return [*files, MANIFEST]

@@ -6,6 +6,7 @@ from __future__ import annotations
 import io
 import os
 import pickle
+import struct
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -18,8 +19,9 @@ from pcdet_avp.errors import CheckpointError
 from pcdet_avp.models.weights.agreement import MEANING_KEY, take_carried_meaning
 from pcdet_avp.models.weights.safetensors_file import SUFFIX, begins_safetensors, decode
 
-UNREADABLE = (RuntimeError, EOFError, KeyError, ValueError, AttributeError, TypeError)
-UNREADABLE += (pickle.UnpicklingError, zipfile.BadZipFile)
+# What torch.load raises for files that are none of its own; a text is a programme for its unpickler.
+UNREADABLE = (RuntimeError, EOFError, LookupError, ValueError, AttributeError, TypeError, ArithmeticError)
+UNREADABLE += (pickle.UnpicklingError, zipfile.BadZipFile, struct.error)
 # OpenPCDet's optimiser states hold numpy numbers (rates from np.cos), which torch refuses unless they are named.
 _SCALAR = np.float64(0).__reduce__()[0]
 NUMPY_NUMBERS = [_SCALAR, (_SCALAR, "numpy.core.multiarray.scalar"), np.dtype, type(np.dtype(np.float64))]

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from pcdet_avp.sim.plans.floor import Floor, from_axes
-from pcdet_avp.sim.plans.paths import nearest
+from pcdet_avp.sim.plans.floor import Floor, Lane, from_axes
+from pcdet_avp.sim.plans.paths import nearest, offset_path
 from pcdet_avp.structures.rotated_iou import bev_intersection
 
 TOUCH_M2 = 0.05  # shared area that counts as touching
@@ -15,12 +15,15 @@ JOINS_M = 0.5  # a road's end that belongs to a junction lies at most so far fro
 HANGS_M = 0.5  # a mount on the ceiling is at most so far below it, one on a wall or pillar so far from its middle
 MOUTH_M = 2.0  # a slot's mouth has a road within so much
 SWATH_M = 1.6  # and so wide a way to it
+SPOT_M = 0.02  # the side of a place that is compared with boxes
+STEP_M = 0.5  # places along a lane that are compared with the other roads
+AWAY_M = 25.0  # pillars and walls of a floor have a road or a slot within so much
 Problem = tuple[int, str]
 
 
 def problems(floor: Floor) -> list[Problem]:
     """(line, message) of everything that is wrong, in the order of the lines; none for a good floor."""
-    checks = (_slots, _pillars_and_walls, _reach, _junctions, _mounts, _lamps, _units)
+    checks = (_roads, _slots, _pillars_and_walls, _reach, _junctions, _mounts, _lamps, _units)
     return sorted((problem for check in checks for problem in check(floor)), key=lambda problem: problem[0])
 
 
@@ -36,6 +39,31 @@ def _boxes(boxes) -> np.ndarray:
 def _touch_m2(boxes: np.ndarray) -> np.ndarray:
     """(N,) up to which shared area each of these (N, 7) only touches: a bollard is smaller than ``TOUCH_M2``."""
     return np.minimum(TOUCH_M2, boxes[:, 3] * boxes[:, 4] / 2)
+
+
+def _roads(floor: Floor) -> Iterator[Problem]:
+    """Roads may share ground only where they meet in a junction."""
+    for b, road in enumerate(floor.roads):
+        for other in floor.roads[:b]:
+            places = _boxes([_spot(*xy) for lane in other.lanes for xy in _places(lane)])
+            shared = places[bev_intersection(places, road.surface()).max(1, initial=0.0) > SPOT_M**2 / 2]
+            for junction in floor.junctions:
+                if {road.id, other.id} <= set(junction.roads):
+                    reach = 1.5 * floor.junction_box(junction)[3]  # arms at 40 degrees part so far from the middle
+                    shared = shared[np.hypot(shared[:, 0] - junction.x, shared[:, 1] - junction.y) > reach]
+            if len(shared):
+                at = f"({shared[0, 0]:.1f}, {shared[0, 1]:.1f})"
+                yield (
+                    _line(floor, "roads", b),
+                    f"road {road.id!r} overlaps road {other.id!r} at {at}, where no junction of both is",
+                )
+
+
+def _places(lane: Lane) -> Iterator[tuple[float, float]]:
+    """Along a lane's middle and near its sides; its ends left out, where another road may go on."""
+    for aside in (-0.4, 0.0, 0.4):
+        path = offset_path(lane.path, aside * lane.width)
+        yield from (path.at(s)[:2] for s in np.arange(STEP_M, path.length - STEP_M / 2, STEP_M))
 
 
 def _slots(floor: Floor) -> Iterator[Problem]:
@@ -54,10 +82,18 @@ def _pillars_and_walls(floor: Floor) -> Iterator[Problem]:
     solids = floor.solid_boxes()
     on_road, in_slot = bev_intersection(solids, floor.surfaces), bev_intersection(solids, slots)
     touch = _touch_m2(solids)
+    near = bev_intersection(solids + [0, 0, 0, 2 * AWAY_M, 2 * AWAY_M, 0, 0], np.concatenate([floor.surfaces, slots]))
+    pillars = solids[: len(floor.pillars)]
+    shared = np.tril(bev_intersection(pillars, pillars), -1)
     for k, solid in enumerate(solids):
         wall = k - len(floor.pillars)
         what, line = ("pillar", _line(floor, "pillars", k)) if wall < 0 else ("wall", _line(floor, "walls", wall))
         at = f"at ({solid[0]:.1f}, {solid[1]:.1f})"
+        if wall < 0 and shared[k].max() > touch[k]:
+            other = solids[int(shared[k].argmax())]
+            yield line, f"pillar {at} stands in the pillar at ({other[0]:.1f}, {other[1]:.1f})"
+        if near[k].max(initial=0.0) == 0:
+            yield line, f"{what} {at} stands apart: no road and no slot within {AWAY_M:g} m"
         if on_road[k].max(initial=0.0) > touch[k]:
             yield line, f"{what} {at} stands on a road"
         if in_slot[k].max(initial=0.0) > touch[k]:
@@ -112,6 +148,9 @@ def _mounts(floor: Floor) -> Iterator[Problem]:
     x0, y0, x1, y1 = floor.outline()
     for k, mount in enumerate(floor.mounts):
         line, name = _line(floor, "mounts", k), f"mount {mount.id!r}"
+        same = next((m for m in floor.mounts[:k] if (m.x, m.y, m.z) == (mount.x, mount.y, mount.z)), None)
+        if same is not None:
+            yield line, f"{name} hangs where mount {same.id!r} does"
         if mount.z > floor.ceiling_m:
             yield line, f"{name} hangs above the ceiling: expected at most {floor.ceiling_m:g} m, found {mount.z:g}"
         elif mount.on == "ceiling" and floor.ceiling_m - mount.z > HANGS_M:
@@ -134,8 +173,12 @@ def _touches(floor: Floor, mount) -> bool:
 
 
 def _on(boxes: np.ndarray, mount) -> bool:
-    spot = np.array([[mount.x, mount.y, 0.5, 0.02, 0.02, 1.0, 0.0]])
-    return bool(bev_intersection(spot, boxes).max(initial=0.0) > 0)
+    return bool(bev_intersection(_boxes(_spot(mount.x, mount.y)), boxes).max(initial=0.0) > 0)
+
+
+def _spot(x: float, y: float) -> tuple[float, ...]:
+    """(7,) a box as good as a point."""
+    return x, y, 0.5, SPOT_M, SPOT_M, 1.0, 0.0
 
 
 def _lamps(floor: Floor) -> Iterator[Problem]:

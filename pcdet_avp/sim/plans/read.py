@@ -81,7 +81,7 @@ def _explained(error) -> tuple[tuple, str]:
         return where, f"missing key {next(key for key in rule if key not in value)!r}"
     if error.validator == "oneOf":
         if not isinstance(value, dict):
-            return where, f"expected line_m, or arc_deg and radius_m, found {value!r}"
+            return where, f"expected line_m, or arc_deg and radius_m, found {value!r:.60}"
         return where, f"expected line_m, or arc_deg and radius_m, found {', '.join(value) or 'nothing'}"
     expected = {
         "type": lambda: f"{rule}",
@@ -94,4 +94,4 @@ def _explained(error) -> tuple[tuple, str]:
         "maxItems": lambda: f"at most {rule} items",
         "anyOf": lambda: "a height above 0, or two of them",
     }.get(error.validator)
-    return where, f"expected {expected()}, found {value!r}" if expected else error.message
+    return where, f"expected {expected()}, found {value!r:.60}" if expected else f"{error.message:.120}"

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.extensions import find_entry
 from pcdet_avp.sim.layouts import GarageConfig
@@ -43,7 +45,10 @@ class ScenarioKind:
     gym_id: str | None = None  # of the Gymnasium environment; None: there is none
 
     def scenario(self, seed: int, trial: int, cruising_mps: float) -> Scenario:
-        """One episode's blueprint; ConfigError for a bad speed."""
+        """One episode's blueprint; ConfigError for a bad speed, and for a seed or trial below 0 or no whole number."""
+        for name, value in (("seed", seed), ("trial", trial)):
+            if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 0:
+                raise ConfigError(f"{name}: expected a whole number, 0 or more, found {value!r}")
         if not (math.isfinite(cruising_mps) and cruising_mps > 0):
             raise ConfigError(f"speed: expected more than 0 m/s, found {cruising_mps}")
         return self.draw(self.name, seed, trial, cruising_mps)

@@ -31,3 +31,8 @@ def test_the_report_leads_to_the_pages_of_its_section(tmp_path):
     lines = _episode_pages(tmp_path, "t_junction@plans/a.yaml", "los")
     assert f"- [{stem}](episodes/t_junction_a_los_C%2BCL_7_1.html)" in lines
     assert _episode_pages(tmp_path, "t_junction", "los") == []
+
+
+def test_episodes_at_nearly_the_same_speed_have_files_of_their_own():
+    stems = {episode_stem(Case("t_junction", "los", "C+CL", speed, 1)) for speed in (6.0, 6, 6.0000001)}
+    assert stems == {"t_junction_los_C+CL_6_1", "t_junction_los_C+CL_6.0000001_1"}

@@ -143,3 +143,14 @@ def test_a_limit_on_bytes_that_the_second_unit_cannot_keep_is_refused():
     cfg.MODEL.COMPRESSION.MAX_BYTES = 46
     with pytest.raises(ConfigError, match=r"MAX_BYTES: expected 47 or more, .* of roadside unit 0, found 46"):
         driving_network.untrained(cfg)
+
+
+@pytest.mark.parametrize("thresholds", [{"Car": "0.3"}, {"Car": 5.0}, {"Car": float("nan")}, {"Car": True}, [0.3, 0.3]])
+def test_a_threshold_that_is_no_score_is_refused(thresholds):
+    """Above 1 nothing would ever be detected, which is a crash rate, not an error."""
+    with pytest.raises(CheckpointError, match=r"a\.pth: score_thresholds: .*: expected a number from 0 to 1, found"):
+        driving_network._driving_scores([0.1, 0.1], thresholds, ["Car", "Pedestrian"], "a.pth")
+    assert driving_network._driving_scores([0.1, 0.2], {"Car": 0.5}, ["Car", "Pedestrian"], "a.pth") == [
+        pytest.approx(0.5),
+        0.2,
+    ]

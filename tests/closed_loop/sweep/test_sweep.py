@@ -27,7 +27,7 @@ from pcdet_avp.closed_loop.sweep.results import read_results
 from pcdet_avp.closed_loop.sweep.summary import EPISODES, SUMMARY, crash_text, summary, write_results
 from pcdet_avp.closed_loop.sweep.sweep import Sweep, run_sweep
 from pcdet_avp.config import load_config, plain
-from pcdet_avp.errors import ConfigError, RecordError, SensorError
+from pcdet_avp.errors import CheckpointError, ConfigError, RecordError, SensorError
 
 REPOSITORY = Path(__file__).parents[3]
 DATA = load_config(REPOSITORY / "cfgs" / "dataset_configs" / "avp_full.yaml")
@@ -266,6 +266,45 @@ def test_plans_of_one_name_do_not_share_a_folder(tmp_path):
     sweep("t_junction@b/loop.yaml", "los")
     with pytest.raises(RecordError, match=r"a sweep of pedestrian@a/loop\.yaml, whose plan .* pedestrian@b/loop\.yaml"):
         sweep("pedestrian@b/loop.yaml", "los")
+
+
+def test_a_run_that_fails_before_its_first_episode_claims_nothing(tmp_path, reference):
+    """Weights of another configuration are refused where they are loaded: the same command with the right ones then
+    found a folder that belonged to the wrong ones."""
+    row, wall_s = next(iter(Journal(reference).finished.values()))
+
+    def run(weights, *rows):
+        with open_journal(tmp_path, {"seed": 0, "model": weights}) as journal:
+            for each in rows:
+                journal.add(each, wall_s)
+            raise CheckpointError("made with another configuration")
+
+    def fails(*run_of):
+        with pytest.raises(CheckpointError):
+            run(*run_of)
+
+    fails("wrong")
+    assert not (tmp_path / CLAIM).exists()
+    with open_journal(tmp_path, {"seed": 0}):
+        pass
+    fails("wrong")
+    fails("right", row)
+    assert json.loads((tmp_path / CLAIM).read_text()) == {"seed": 0, "model": "right"}
+    with pytest.raises(RecordError, match="another model"), open_journal(tmp_path, {"seed": 0, "model": "wrong"}):
+        pass
+
+
+def test_the_baseline_comes_last_so_that_wrong_weights_show_first(tmp_path, monkeypatch):
+    driven, original = [], sweep_module.run_case
+    run_here(monkeypatch, lambda waiting: waiting[0])
+    monkeypatch.setattr(sweep_module, "run_case", lambda job: driven.append(job.case) or original(job))
+    run_sweep(asked(speeds=(8.0,), trials=2), tmp_path)
+    assert [(case.perception, case.trial) for case in driven] == [
+        ("oracle", 0),
+        ("always_slow", 0),
+        ("oracle", 1),
+        ("always_slow", 1),
+    ]
 
 
 def test_line_of_sight_through_other_sensors_does_not_join_a_network_s_sweep(tmp_path):

@@ -15,6 +15,7 @@ from datasets.importers.written import write_carla_cloud, write_json, write_pcd,
 from pcdet_avp.datasets.importers import axes
 from pcdet_avp.datasets.importers.run import open_recording
 from pcdet_avp.errors import GeometryError, RecordError
+from pcdet_avp.structures.pose import Pose
 
 QUARTER = np.pi / 2
 GREY = np.full((60, 80, 3), 90, np.uint8)
@@ -216,6 +217,51 @@ def test_the_maps_own_parked_cars_are_labelled(carla):
     assert recording.notes.counts["car of the map without a size left out"] == 1
 
 
+def test_a_car_of_the_map_that_is_an_actor_too_is_one_car(carla):
+    """The map was asked after actors were spawned: car 2 in frame 30, which has driven on by frame 31; the ego; and a
+    parked car that two lists of the map hold. A parked car a floor above car 2 is another one."""
+    scene, tick = carla / "lot" / "scene.json", carla / "lot" / "frames" / "30.json"
+    part = 0.5 * np.sqrt(0.5)
+    car = carla_pose(8 + part, 3 + part, 0.9, yaw=45) | {"extent": {"x": 2, "y": 0.9, "z": 0.7}}
+    above = car | {"location": car["location"] | {"z": 4.9}}
+    ego = carla_pose(0, 0, 1.0) | {"extent": {"x": 2.4, "y": 0.95, "z": 0.8}}
+    parked = carla_pose(10, -4, 0.9) | {"extent": {"x": 2.2, "y": 0.9, "z": 0.7}}
+    turned = parked | {"rotation": {"pitch": 0.0, "yaw": 180.0, "roll": 0.0}}
+    write_json(scene, json.loads(scene.read_text()) | {"static_cars": [car, above, ego, parked, turned]})
+    later = json.loads(tick.read_text()) | {"timestamp": 1.6}
+    later["actors"][1]["transform"] = carla_pose(20, 3, 0.2)
+    write_json(tick.with_name("31.json"), later)
+    for folder, suffix in (("top", "bin"), ("eye", "png")):
+        (carla / "lot" / folder / f"31.{suffix}").write_bytes((carla / "lot" / folder / f"30.{suffix}").read_bytes())
+    recording = open_recording("carla", carla)
+    for frame, cars in (("31", [2, -2, -4]), ("30", [2, -2, -4])):
+        labels = recording.read("lot", frame).record.labels
+        assert labels.object_ids[labels.names == "Car"].tolist() == cars
+    assert recording.notes.counts["car of the map left out, because it is an actor"] == 2
+    assert recording.notes.counts["car of the map left out, because it is listed twice"] == 1
+
+
+@pytest.mark.parametrize("extent", [-2.0, 240.0, 1e30])
+def test_a_size_that_no_car_has_is_refused_by_name(carla, opv2v, extent):
+    """240 m is a car's half length in Unreal's centimetres, taken for metres."""
+    scene, tick = carla / "lot" / "scene.json", carla / "lot" / "frames" / "30.json"
+    whole, listed = tick.read_text(), json.loads(scene.read_text())
+    content = json.loads(whole)
+    content["actors"][1]["bounding_box"]["extent"]["x"] = extent
+    write_json(tick, content)
+    with pytest.raises(RecordError, match=r"30.json: actors\[1\].bounding_box: box: expected sizes in metres, from 0"):
+        only_record("carla", carla)
+    tick.write_text(whole)
+    box = carla_pose(10, -4, 0.9) | {"extent": {"x": extent, "y": 0.9, "z": 0.7}}
+    write_json(scene, listed | {"static_cars": [box]})
+    with pytest.raises(RecordError, match=r"scene.json: static_cars\[0\]: box: expected sizes in metres"):
+        only_record("carla", carla)
+    file = opv2v / "2026_01_01_00_00_00" / "3" / "000068.yaml"
+    file.write_text(OPV2V.replace("extent: [2.25,", f"extent: [{extent},"))
+    with pytest.raises(RecordError, match=r"000068.yaml: vehicles.7: box: expected sizes in metres, from 0 to 60"):
+        only_record("opv2v", opv2v)
+
+
 def test_carlas_mast_by_hand(carla):
     """20 m ahead, facing back, 7 m up, 30 degrees down: its axis meets the floor 7 / tan(30) = 12.12 m before it.
 
@@ -353,6 +399,19 @@ def test_a_sheared_calibration_keeps_the_pixels_of_its_points():
     assert np.abs(naive[:, :2] / naive[:, 2:] - expected)[inside].max() > 50  # what the nearest rotation would cost
 
 
+@pytest.mark.parametrize(("row", "column", "value"), [(0, 1, 9.0), (1, 0, 9.0), (2, 0, 0.01), (2, 2, 0.5)])
+def test_intrinsics_with_a_skew_or_of_another_form_are_refused(row, column, value):
+    """A pin-hole of ours has no place for them: with a skew of 9 pixels they were taken without it."""
+    wrong = K.copy()
+    wrong[row, column] = value
+    for make in (
+        lambda: axes.pinhole(1920, 1080, wrong, np.eye(3), np.zeros(3)),
+        lambda: axes.unreal_camera(Pose.identity(), 1920, 1080, wrong),
+    ):
+        with pytest.raises(GeometryError, match=r"intrinsics: expected \[fx, 0, cx\].*found \[2183.4, "):
+            make()
+
+
 def test_a_calibration_that_is_a_rotation_stays_as_it_is():
     rotation = np.array([[0, -1, 0], [0, 0, -1], [1, 0, 0]], float)
     camera, skew_px = axes.pinhole(1920, 1080, K, rotation, np.zeros(3))
@@ -377,6 +436,7 @@ OPV2V_DAMAGE = {
     "no pose": ("true_ego_pos", "ego_pos", "true_ego_pos: missing"),
     "cut": ("vehicles:\n", "vehicles: [\n", "not YAML of plain values"),
     "NaN": ("[10.0, 30.0, 0.5]", "[10.0, .nan, 0.5]", r"vehicles.7.location: holds NaN"),
+    "no vehicles": ("vehicles:", "cars:", "vehicles: missing"),
     "a named vehicle": ("  8: {", "  van: {", "expected a whole number as a vehicle's id, found 'van'"),
 }  # fmt: skip
 

@@ -104,8 +104,13 @@ def test_culver_city_is_for_tests_and_a_folder_of_an_unknown_split_is_not_drawn_
     splits = {scene.name: scene.split for scene in import_all("opv2v", tmp_path / "opv2v", tmp_path / "set").scenes}
     assert splits == {"2026_0": "train", "2026_1": "test", "2026_2": "test"}
     (tmp_path / "opv2v/test_culvercity").rename(tmp_path / "opv2v/culver")
-    with pytest.raises(RecordError, match=r"scene '2026_2' lies in no folder of a split, as others do.*--splits"):
+    with pytest.raises(RecordError, match=r"scene '2026_2' lies in folder 'culver', which names no split.*--splits"):
         import_all("opv2v", tmp_path / "opv2v", tmp_path / "other")
+    shutil.copytree(foreign.opv2v / "validate/2026_01_02_03_04_05", tmp_path / "alone/holdout/2026_3")
+    with pytest.raises(RecordError, match=r"scene '2026_3' lies in folder 'holdout', which names no split.*--splits"):
+        import_all("opv2v", tmp_path / "alone", tmp_path / "other")
+    (tmp_path / "alone/holdout").rename(tmp_path / "alone/valid")
+    assert import_all("opv2v", tmp_path / "alone", tmp_path / "valid").frame_counts == {"train": 0, "val": 4, "test": 0}
     told = dict.fromkeys(splits, "test")
     assert import_all("opv2v", tmp_path / "opv2v", tmp_path / "told", splits=told).frame_counts["test"] == 12
 
@@ -212,6 +217,40 @@ def test_a_recording_without_any_image_has_no_cameras(damaged):
         assert len(frame.infra.points)
 
 
+def test_a_recording_without_any_sensor_is_refused(damaged):
+    """Pictures and clouds not downloaded, or in a folder of another name: records of labels alone teach nothing."""
+    kinds = {".png", ".jpg", ".pcd"}
+    for file in [p for name in ("opv2v", "dair_v2x") for p in (damaged / name).rglob("*") if p.suffix in kinds]:
+        file.unlink()
+    scene = json.loads((damaged / "carla" / "garage" / "scene.json").read_text())
+    write_json(damaged / "carla" / "garage" / "scene.json", scene | {"sensors": {}})
+    for name in CLASSES:
+        with pytest.raises(RecordError, match=r"scene .* has no sensor: no picture, no cloud"):
+            import_all(name, damaged / name, damaged / "out")
+    assert not (damaged / "out").exists()
+
+
+def test_a_batch_that_nothing_tells_the_floor_of_is_left_out_and_the_others_go_on(damaged):
+    """Its labels are moved a kilometre away; with both batches so, nothing is left, which is an error."""
+    for frames, batch in (("01", "0"), ("23", "1")):
+        for digit in frames:
+            file = damaged / "dair_v2x" / "cooperative" / "label_world" / f"00000{digit}.json"
+            labels = json.loads(file.read_text())
+            for label in labels:
+                label["world_8_points"] = (np.array(label["world_8_points"]) + [1000.0, 0, 0]).tolist()
+            file.write_text(json.dumps(labels))
+        if batch == "0":
+            recording = run.open_recording("dair_v2x", damaged / "dair_v2x")
+            manifest = run.import_recording(recording, "dair_v2x", damaged / "out")
+            assert [(scene.name, len(scene.frames)) for scene in manifest.scenes] == [("1", 2)]
+            assert recording.notes.lines()[0] == (
+                "1 x batch left out, because no label within 30 m of the vehicle's LiDAR tells where the road is "
+                "(first: batch 0, 2 frames)"
+            )
+    with pytest.raises(RecordError, match=r"2 x batch left out, because no label within 30 m of the vehicle's LiDAR"):
+        run.open_recording("dair_v2x", damaged / "dair_v2x")
+
+
 def test_a_time_that_a_roadside_unit_lacks_is_a_frame_without_it(damaged):
     """And the next frame has its own data, not the next file's (findings/pykitti_missing_scan.sh)."""
     for file in (damaged / "opv2v" / "validate" / "2026_01_02_03_04_05" / "-1").glob("000072*"):
@@ -260,12 +299,13 @@ def test_the_tool_says_what_it_left_out(foreign, tmp_path, monkeypatch, capsys):
     assert "4 x label without a size left out" in out
     assert f"wrote {tmp_path / 'my set'}: train " in out
     assert 'CLASS_NAMES "[Car]"' in out
-    # What it prints is a command that works: the shipped configuration with these words makes a network.
+    # What it prints is a command that works: the shipped configurations with these words make a network.
     words = shlex.split(out.partition("--set ")[2])
-    cfg = apply_overrides(load_config("cfgs/avp/cp_tiny.yaml"), words)
-    assert AvpDataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split="train").class_names == ["Car"]
-    network_input = NetworkInput.from_config(cfg.DATA_CONFIG, cfg.CLASS_NAMES)
-    assert [c.name for c in build_network(cfg.MODEL, 1, network_input).dense_head.classes] == ["Car"]
+    for name in ("cp_tiny", "cp_small"):
+        cfg = apply_overrides(load_config(f"cfgs/avp/{name}.yaml"), words)
+        assert AvpDataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split="train").class_names == ["Car"]
+        network_input = NetworkInput.from_config(cfg.DATA_CONFIG, cfg.CLASS_NAMES)
+        assert [c.name for c in build_network(cfg.MODEL, 1, network_input).dense_head.classes] == ["Car"]
 
 
 def test_pictures_of_an_import_need_no_labels_of_every_class(imported):

@@ -44,6 +44,15 @@ def test_a_combination_listed_twice_stays_twice(wanted, recorded, drawn):
     assert existing_combos(dataset, wanted, "SENSOR_SETS", logging.getLogger("silent")) == drawn
 
 
+@pytest.mark.parametrize(("recorded", "told"), [(("infra_camera",), "infra_camera"), ((), "no sensors")])
+def test_recordings_without_any_sensor_of_the_vehicle_are_refused(recorded, told):
+    """Before, an empty table, and exit status 0."""
+    dataset = SimpleNamespace(recorded_sources=recorded, root_path="data/masts")
+    for wanted in (None, list(SENSOR_SETS), ["C+C"]):
+        with pytest.raises(SensorError, match=rf"data/masts: recorded are {told} only: every sensor combination has"):
+            existing_combos(dataset, wanted, "--combos", logging.getLogger("silent"))
+
+
 def _detections(scores, offsets):
     boxes = np.repeat(CAR, len(scores), 0)
     boxes[:, 0] += offsets

@@ -49,6 +49,17 @@ def test_other_files_are_refused(tmp_path):
             read_checkpoint(tmp_path / f"{name}.pth")
 
 
+@pytest.mark.filterwarnings("ignore:Detected pickle protocol")
+@pytest.mark.parametrize("tail", [b"afety_eval --scenario pedestrian", b".", b"\0" * 20, b"((((", b"0" * 30])
+def test_a_file_that_begins_with_any_byte_is_read_or_refused(tmp_path, tail):
+    """Every byte is an instruction of pickle's: those that take from an empty stack end in an IndexError."""
+    file = tmp_path / "any.pth"
+    for first in range(256):
+        file.write_bytes(bytes([first]) + tail)
+        with pytest.raises(CheckpointError, match=r"any\.pth: (truncated, damaged|expected a mapping)"):
+            read_checkpoint(file)
+
+
 def test_code_in_a_checkpoint_is_not_run(tmp_path):
     class Evil:
         def __reduce__(self):

@@ -4,7 +4,7 @@ import pytest
 from plan_files import STRAIGHT, written
 
 from pcdet_avp.errors import ConfigError
-from pcdet_avp.sim.plans.read import read_plan
+from pcdet_avp.sim.plans.read import parse_plan, read_plan
 
 ROW = "    rows:\n      - {road: main, side: right, s_m: 2, count: 3, width_m: 2.5, length_m: 5}\n"
 SIDE = "      - {id: side, start: [20, -20], hdg_deg: 90, geometry: [{line_m: 20}], lanes: {right: [3], left: [3]}}\n"
@@ -49,6 +49,28 @@ BAD = {
         "    slots:\n      - {at: [5, -6.5], hdg_deg: -90}\n    pillars:\n      - {at: [5, -3.3], size_m: 0.2}\n",
         9,
         "cannot be reached",
+    ),
+    "pillar in a pillar": (
+        "    pillars:\n      - {at: [9, 5], size_m: 0.5}\n      - {at: [20, 5], size_m: 0.5}\n"
+        "      - {at: [9.3, 5], size_m: 0.5}\n",
+        11,
+        "pillar at (9.3, 5.0) stands in the pillar at (9.0, 5.0)",
+    ),
+    "pillar of another building": (
+        "    pillars:\n      - {at: [990, 5], size_m: 0.5}\n",
+        9,
+        "pillar at (990.0, 5.0) stands apart: no road and no slot within 25 m",
+    ),
+    "wall of another building": (
+        "    walls:\n      - {kind: wall, line: [[0, 40], [40, 40]]}\n",
+        9,
+        "wall at (20.0, 40.0) stands apart",
+    ),
+    "two mounts at one place": (
+        "    mounts:\n      - {id: a, at: [5, 0], height_m: 2.8, on: ceiling, yaw_deg: [0]}\n"
+        "      - {id: b, at: [5, 0], height_m: 2.8, on: ceiling, yaw_deg: [180]}\n",
+        10,
+        "mount 'b' hangs where mount 'a' does",
     ),
     "pillar in a slot": (ROW + "    pillars:\n      - {at: [3.2, -5], size_m: 0.5}\n", 11, "stands in slot"),
     "mount in the air": (
@@ -114,12 +136,41 @@ def test_a_junction_needs_its_arms(tmp_path):
     read_plan(written(tmp_path, STRAIGHT + SIDE, junction.replace("crossing", "t")))
 
 
+@pytest.mark.parametrize(
+    ("place", "at"),
+    [
+        ("start: [10, 2], hdg_deg: 0, geometry: [{line_m: 20}]", r"\(10.5, -0.3\)"),  # upon it
+        ("start: [10, 5], hdg_deg: 0, geometry: [{line_m: 20}]", r"\(29.5, 2.7\)"),  # upon its edge
+        ("start: [20, -20], hdg_deg: 90, geometry: [{line_m: 40}]", r"\(17.5, -2.7\)"),  # across it
+        ("start: [38, -2], hdg_deg: 0, geometry: [{line_m: 9}]", r"\(38.5, -2.7\)"),  # begins before the other ends
+    ],
+)
+def test_roads_share_ground_in_a_junction_of_both_alone(tmp_path, place, at):
+    side = f"      - {{id: side, {place}, lanes: {{right: [3], left: [3]}}}}\n"
+    junction = "    junctions:\n      - {id: J, kind: bend, at: [0, 0], roads: [main, main]}\n"
+    with pytest.raises(ConfigError, match=rf"line 8: road 'side' overlaps road 'main' at {at}, where no junction"):
+        read_plan(written(tmp_path, STRAIGHT + side, junction))
+
+
+def test_a_road_may_go_on_where_another_ends_and_run_beside_it(tmp_path):
+    for place in ("start: [40, 0], hdg_deg: 0", "start: [0, 6], hdg_deg: 0"):
+        side = f"      - {{id: side, {place}, geometry: [{{line_m: 20}}], lanes: {{right: [3], left: [3]}}}}\n"
+        read_plan(written(tmp_path, STRAIGHT + side))
+
+
 def test_what_is_no_yaml(tmp_path):
     with pytest.raises(ConfigError, match="line 9: expected"):
         read_plan(written(tmp_path, more="    walls: [{kind: wall\n"))
     file = tmp_path / "empty.yaml"
     file.write_text("")
     with pytest.raises(ConfigError, match="expected a plan, found an empty file"):
+        read_plan(file)
+
+
+def test_a_file_that_is_no_plan_is_not_told_whole(tmp_path):
+    file = tmp_path / "readme.yaml"
+    file.write_text("some words " * 1000)
+    with pytest.raises(ConfigError, match=r"line 1: plan: expected object, found 'some words [^\n]{40,60}$"):
         read_plan(file)
 
 
@@ -133,7 +184,7 @@ def test_an_alias_of_what_it_lies_in(tmp_path):
 
 def test_an_alias_stands_for_its_value_wherever_it_is_named(tmp_path):
     text = STRAIGHT.replace("lanes: {", "lanes: &both {", 1) + SIDE.replace("{right: [3], left: [3]}", "*both")
-    plan = read_plan(written(tmp_path, text))
+    plan = parse_plan(written(tmp_path, text))
     assert [(road.right, road.left) for road in plan.floors[0].roads] == [((3.0,), (3.0,))] * 2
 
 

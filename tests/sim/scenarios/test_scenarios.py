@@ -150,3 +150,12 @@ def test_the_row_at_the_junction_has_no_gap_and_ends_with_a_van():
 def test_bad_names_and_speeds(name, speed, message):
     with pytest.raises(ConfigError, match=message):
         draw_scenario(name, 0, 0, speed)
+
+
+@pytest.mark.parametrize(
+    ("seed", "trial", "name"), [(-1, 0, "seed"), (1.5, 0, "seed"), ("0", 0, "seed"), (0, -1, "trial")]
+)
+def test_bad_seeds_and_trials(seed, trial, name):
+    with pytest.raises(ConfigError, match=rf"^{name}: expected a whole number, 0 or more, found"):
+        draw_scenario("pedestrian", seed, trial, 5.0)
+    draw_scenario("pedestrian", np.int64(2), 0, 5.0)
