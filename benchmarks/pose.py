@@ -46,7 +46,6 @@ from pcdet_avp.evaluation.benchmark_table import markdown_table
 from pcdet_avp.files import flat_name, write_json
 from pcdet_avp.models.fusion.register import RegisterMaps
 from pcdet_avp.registration import RegistrationSettings
-from pcdet_avp.registration.registrar import SENT
 from pcdet_avp.structures.pose import Pose
 from pcdet_avp.structures.sensor_set import SensorSet
 
@@ -100,7 +99,7 @@ class Runner:
 
     def __init__(self, model, settings: RegistrationSettings, args: argparse.Namespace) -> None:
         self.model, self.args = model, args
-        self.register = RegisterMaps(model.warp.grid, replace(settings, enabled=True), model.codec.codec_of(SENT))
+        self.register = RegisterMaps(model.warp.grid, replace(settings, enabled=True), model.codec)
 
     @torch.no_grad()
     def __call__(self, batch: dict) -> tuple[dict[tuple[str, str], Boxes], list[dict]]:

@@ -22,7 +22,6 @@ from pcdet_avp.models.recompute import recomputed
 from pcdet_avp.models.side_by_side import pays, side_by_side
 from pcdet_avp.models.weights.agreement import NetworkMeaning
 from pcdet_avp.registration import RegistrationSettings
-from pcdet_avp.registration.registrar import SENT
 from pcdet_avp.registry import DETECTORS
 from pcdet_avp.structures.sensor_set import EGO_SOURCES, INFRA_SOURCES, SOURCES, modality_of
 from pcdet_avp.structures.stage_times import untimed
@@ -61,7 +60,7 @@ class AvpCp(LoadableDetector):
         for name, module in build_modules(model_cfg, num_class, dataset).items():
             self.add_module(name, module)
         settings = RegistrationSettings.from_config(model_cfg)
-        self.registration = RegisterMaps(self.warp.grid, settings, self.codec.codec_of(SENT))
+        self.registration = RegisterMaps(self.warp.grid, settings, self.codec)
         self.post_processing = PostProcessing(model_cfg["POST_PROCESSING"], dataset.class_names)
         self.add_global_step()
         self.meaning = NetworkMeaning.of(model_cfg, dataset)

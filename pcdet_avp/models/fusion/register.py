@@ -23,7 +23,7 @@ class RegisterMaps:
     """Corrects the poses of all received maps of a sample by one motion, that of the vehicle's error."""
 
     def __init__(self, grid: BevGrid, settings: RegistrationSettings, codec: Any = None) -> None:
-        """``codec``: what decompresses a LiDAR's latents (``MapCodec``); None: they are maps already."""
+        """``codec``: whose ``decompress`` makes maps of what arrived (``BevCodec``); None: these are maps already."""
         self.settings, self._registrar, self._codec = settings, Registrar(grid, settings), codec
 
     def __call__(self, batch_dict: dict) -> dict:
@@ -37,7 +37,8 @@ class RegisterMaps:
         """
         if not self.settings.enabled:
             return batch_dict
-        corrections = [self._correction(batch_dict, i) for i in range(int(batch_dict["batch_size"]))]
+        maps = self._maps(batch_dict)
+        corrections = [self._correction(batch_dict, maps, i) for i in range(int(batch_dict["batch_size"]))]
         memory = batch_dict.get("correction_memory")
         poses = [c.true_from_believed if memory is None else memory(c) for c in corrections]
         batch_dict = {**batch_dict, "corrections": corrections}
@@ -45,26 +46,32 @@ class RegisterMaps:
             return batch_dict
         return batch_dict | _moved(batch_dict, torch.from_numpy(np.stack([pose.matrix for pose in poses])))
 
-    def _correction(self, batch_dict: dict, sample: int) -> Correction:
+    def _correction(self, batch_dict: dict, maps: Tensor | None, sample: int) -> Correction:
         bev_map = batch_dict["bev_maps"].get(OWN)
-        if bev_map is None:
+        if bev_map is None or maps is None:
             return NONE
         own = {OWN: (_array(bev_map[sample]), _array(batch_dict["bev_valid"][OWN][sample, 0]))}
-        return self._registrar(own, list(self._received(batch_dict, sample)))
+        return self._registrar(own, list(_received(batch_dict, maps, sample)))
 
-    def _received(self, batch_dict: dict, sample: int) -> Iterator[Received]:
-        """The maps of a sample's units."""
+    def _maps(self, batch_dict: dict) -> Tensor | None:
+        """(n, C, h, w), what was received: of the cells that were pooled into one, one is enough."""
         latent = batch_dict["latents"].get(SENT)
         if latent is None:
-            return
-        poses = batch_dict.get("ego_from_sender", {}).get(SENT, batch_dict["ego_from_infra"])
-        for row, of_sample in enumerate(_samples(batch_dict, SENT, len(latent.values))):
-            if of_sample == sample:
-                values = torch.where(latent.received[row], latent.values[row], 0)[None]
-                if self._codec is not None:  # one of each cells that were pooled is enough
-                    pooling = self._codec.pooling
-                    values = self._codec.decompress(values)[..., ::pooling, ::pooling]
-                yield Received(_array(values[0]), Pose(_array(poses[row]).astype(np.float64)))
+            return None
+        if self._codec is None:
+            return torch.where(latent.received, latent.values, 0)
+        alone = {"latents": {SENT: latent}, "bev_maps": {}, "bev_valid": {}}
+        maps = self._codec.decompress({**batch_dict, **alone})["bev_maps"][SENT]
+        pooling = maps.shape[2] // latent.values.shape[2]
+        return maps[..., ::pooling, ::pooling]
+
+
+def _received(batch_dict: dict, maps: Tensor, sample: int) -> Iterator[Received]:
+    """The maps of a sample's units."""
+    poses = batch_dict.get("ego_from_sender", {}).get(SENT, batch_dict["ego_from_infra"])
+    for row, of_sample in enumerate(_samples(batch_dict, SENT, len(maps))):
+        if of_sample == sample:
+            yield Received(_array(maps[row]), Pose(_array(poses[row]).astype(np.float64)))
 
 
 def _samples(batch_dict: dict, source: str, maps: int) -> list[int]:
