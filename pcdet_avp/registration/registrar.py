@@ -58,7 +58,7 @@ class Registrar:
             own: the vehicle's maps (C, H, W) and where they are valid, (H, W) bool, by source
             received: all maps of all units; the vehicle's error is the same for all of them
         """
-        received = [known for known in received if known.values.any()]
+        received = [known for known in received if known.values.any() and np.isfinite(known.values).all()]
         if not own or not received:
             return NONE
         axes = axes_of([known.values for known in received])
@@ -94,7 +94,7 @@ class Registrar:
         return x[heaviest], y[heaviest], weights[heaviest]
 
     def _judged(self, best: Best) -> Correction:
-        if best.score <= 0:
+        if not best.score > 0:  # NaN among the own features, too
             return NONE
         gain = (best.score - best.unmoved) / best.score
         if gain < self.settings.min_gain:

@@ -91,6 +91,16 @@ def test_nothing_on_one_side_corrects_nothing(own, values):
     assert not registrar(unseen, [Received(values, error_of(0.5, 0, 2) @ TRUTH)]).accepted
 
 
+@pytest.mark.parametrize("side", ["own", "received"])
+def test_broken_numbers_correct_nothing(own, values, side):
+    """They are told of where boxes are made of them."""
+    bev_map, valid = own["ego_lidar"]
+    maps = {"own": bev_map.copy(), "received": values.copy()}
+    maps[side][:, 20:60] = np.nan
+    received = [Received(maps["received"], error_of(0.5, 0, 2) @ TRUTH)]
+    assert not Registrar(GRID, ON)({"ego_lidar": (maps["own"], valid)}, received).accepted
+
+
 def test_the_gate_refuses_what_gains_too_little(own, values):
     strict = RegistrationSettings(enabled=True, min_gain=1.0)
     received, free = [Received(values, error_of(0.5, -0.3, 2.0) @ TRUTH)], RegistrationSettings(enabled=True)
