@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pcdet_avp.errors import ConfigError, PacketError
-from pcdet_avp.link import MapStamp, NrV2xConfig, Receiver, decode, encode, int8_exponents, rounded
+from pcdet_avp.link import MapStamp, NrV2xConfig, Receiver, decode, encode, rounded
 from pcdet_avp.link.map_size import UNLIMITED, MapSize
 from pcdet_avp.link.rate_control import ranks_by_length
 from pcdet_avp.link.segment import unseal
@@ -57,11 +57,11 @@ def test_no_map_exceeds_the_limit_and_one_of_constant_size_has_exactly_that(
 
 
 @settings(max_examples=40)
-@given(share=st.floats(0.05, 1), seed=st.integers(0, 99), precision=st.sampled_from(["float16", "int8"]))
-def test_the_longest_cells_are_kept_as_in_the_whole_map_and_one_more_would_not_fit(share, seed, precision):
+@given(share=st.floats(0.05, 1), seed=st.integers(0, 99))
+def test_the_longest_cells_are_kept_as_in_the_whole_map_and_one_more_would_not_fit(share, seed):
     latent = drawn(share, seed)
-    payloads = MapSize(BLOCK, constant=True).pack(latent, STAMP, BLOCK, precision)
-    whole = decode(encode(latent, STAMP, 60_000, precision)).values
+    payloads = MapSize(BLOCK, constant=True).pack(latent, STAMP, BLOCK, "float16")
+    whole = decode(encode(latent, STAMP, 60_000)).values
     rank, arrived = ranks_by_length(latent), decode(payloads).values
     kept = rank[arrived.any(0)].max() + 1
     np.testing.assert_array_equal(arrived, np.where(rank < kept, whole, 0))
@@ -69,8 +69,7 @@ def test_the_longest_cells_are_kept_as_in_the_whole_map_and_one_more_would_not_f
     dropped = rank[(rank >= kept) & whole.any(0)]  # beside cells that round to nothing
     if dropped.size:
         assert length[rank < kept].min() >= length[rank >= kept].max()
-        exponents = int8_exponents(latent) if precision == "int8" else None
-        (more,) = encode(np.where(rank <= dropped.min(), latent, 0), STAMP, 60_000, precision, exponents)
+        (more,) = encode(np.where(rank <= dropped.min(), latent, 0), STAMP, 60_000)
         assert len(more) + 6 > BLOCK  # as version 3
 
 
@@ -137,7 +136,7 @@ def test_maps_of_a_trained_network_fill_one_block_of_mcs_14():
         assert size_of(encode(latent, STAMP, BLOCK, "int8")) > 1.7 * BLOCK
         (payload,) = MapSize(BLOCK, True).pack(latent, replace(STAMP, modality=modality), BLOCK, "int8")
         assert len(payload) == BLOCK
-        assert 0.05 < kept_of([payload]).mean() < 0.08
+        assert 0.11 < kept_of([payload]).mean() < 0.13  # coarser steps leave room for nearly all cells
 
 
 def test_a_limit_below_an_empty_map_is_one_clear_error():
