@@ -38,8 +38,10 @@ def along_axes(bev_map: np.ndarray, axes: np.ndarray) -> np.ndarray:
 def layers(cells: np.ndarray, direction: float, smoothing: float, edge_sigma: float) -> np.ndarray:
     """What is compared of cells (H, W, r): (H, W, 2 r) float32, the features under a Gaussian of ``smoothing`` cells
     (0: as they are), then their edges along a direction (radians from +x), both of unit length over the whole map."""
-    smooth = smoothed(cells, smoothing) if smoothing else cells
-    return np.concatenate([_unit(smooth), _unit(edges_along(cells, direction, edge_sigma))], -1)
+    features = smoothed(cells, smoothing) if smoothing else cells
+    smooth = features if edge_sigma == smoothing else smoothed(cells, edge_sigma)
+    edges = _bend(smooth, -np.sin(direction), np.cos(direction), 1.0)
+    return _side_by_side(features, _to_unit(features), edges, _to_unit(edges))
 
 
 def edges_along(cells: np.ndarray, direction: float, sigma: float) -> np.ndarray:
@@ -57,23 +59,31 @@ def smoothed(cells: np.ndarray, sigma: float) -> np.ndarray:
     return smooth.reshape(cells.shape)  # OpenCV drops a last axis of one
 
 
-def _unit(values: np.ndarray) -> np.ndarray:
-    length = np.linalg.norm(values)
-    return values / length if length > 0 else values
+def _to_unit(values: np.ndarray) -> float:
+    """What makes values of unit length, 1 where they are all zero."""
+    return 1 / (float(np.linalg.norm(values)) or 1.0)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _bend(smooth, nx, ny, scale):
-    """Minus the second derivative of maps (H, W, r) along the unit vector (nx, ny); zero on the border."""
-    height, width, channels = smooth.shape
-    out = np.zeros((height, width, channels), np.float32)
-    for i in range(1, height - 1):
-        for j in range(1, width - 1):
+@numba.njit(cache=True, nogil=True)
+def _side_by_side(features, feature_scale, edges, edge_scale):
+    """Two maps (H, W, r), each times a number, as one (H, W, 2 r)."""
+    height, width, channels = features.shape
+    out = np.empty((height, width, 2 * channels), np.float32)
+    for i in range(height):
+        for j in range(width):
             for c in range(channels):
-                middle = 2 * smooth[i, j, c]
-                xx = smooth[i, j + 1, c] - middle + smooth[i, j - 1, c]
-                yy = smooth[i + 1, j, c] - middle + smooth[i - 1, j, c]
-                xy = smooth[i + 1, j + 1, c] - smooth[i + 1, j - 1, c]
-                xy += smooth[i - 1, j - 1, c] - smooth[i - 1, j + 1, c]
-                out[i, j, c] = -scale * (nx * nx * xx + ny * ny * yy + 0.5 * nx * ny * xy)
+                out[i, j, c] = features[i, j, c] * feature_scale
+                out[i, j, channels + c] = edges[i, j, c] * edge_scale
+    return out
+
+
+def _bend(smooth: np.ndarray, nx: float, ny: float, scale: float) -> np.ndarray:
+    """Minus the second derivative of maps (H, W, r) along the unit vector (nx, ny), times ``scale``; zero on the
+    border."""
+    mixed = 0.5 * nx * ny * np.array([[1, 0, -1], [0, 0, 0], [-1, 0, 1]])
+    along = nx * nx * np.array([[0, 0, 0], [1, -2, 1], [0, 0, 0]]) + ny * ny * np.array(
+        [[0, 1, 0], [0, -2, 0], [0, 1, 0]]
+    )
+    out = cv2.filter2D(smooth, -1, -scale * (along + mixed)).reshape(smooth.shape)
+    out[[0, -1]] = out[:, [0, -1]] = 0
     return out

@@ -72,9 +72,7 @@ class Registrar:
         self, own: Mapping[str, tuple[np.ndarray, np.ndarray]], axes: np.ndarray, direction: float
     ) -> tuple[np.ndarray, np.ndarray]:
         """Of the own maps: features (H, W, r) for the grid over the window, ``layers`` (H, W, 2 r) for finer steps."""
-        total = np.zeros((self.grid.height, self.grid.width, axes.shape[1]), np.float32)
-        for bev_map, valid in own.values():
-            total += along_axes(bev_map, axes) * valid[..., None]
+        total = sum(along_axes(bev_map, axes) * valid[..., None] for bev_map, valid in own.values())
         return smoothed(total, OWN_COARSE), layers(total, direction, *OWN_FINE)
 
     def points(self, received: Iterable[Received], axes: np.ndarray) -> Points:
@@ -113,9 +111,10 @@ def _moved(pose: Pose, grid: BevGrid) -> tuple[np.ndarray, np.ndarray]:
 def _heaviest(weights: np.ndarray, count: int) -> np.ndarray:
     """The at most ``count`` rows of weights (n, K) that are longest and not zero, the longest first."""
     power = np.einsum("nk,nk->n", weights, weights)
-    rows = np.argpartition(-power, count - 1)[:count] if len(power) > count else np.arange(len(power))
-    rows = rows[np.argsort(-power[rows], kind="stable")]
-    return rows[power[rows] > 0]
+    rows = np.flatnonzero(power)
+    if len(rows) > count:
+        rows = rows[np.argpartition(-power[rows], count - 1)[:count]]
+    return rows[np.argsort(-power[rows], kind="stable")]
 
 
 def _within(grid: BevGrid, x: np.ndarray, y: np.ndarray, reach_m: float) -> np.ndarray:
