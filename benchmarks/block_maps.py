@@ -1,12 +1,11 @@
-"""Roadside maps of a trained network against the bytes of one transport block: how many cells fit, and what that costs.
+"""Roadside maps of a trained network against the bytes of one transport block: what coarser steps save and lose.
 
     python benchmarks/block_maps.py --cfg cfgs/avp/cp_small.yaml --ckpt weights/cp_small.pth --every 10
 
-Of every N-th frame of a split, in int8. First the bytes of the longest cells of a map, by their share, and how many
-maps ``--max_bytes`` cannot hold: training and tests without the wire know no bytes, and MAX_SHARE stands for them.
-``shortened``: vectors as a threshold that was learned for that share leaves them, less the length of the first vector
-that is dropped. Then the maps packed to exactly ``--max_bytes``: bytes by part, cells kept, how often the search
-encodes a map, and its processor time, one thread (median, 95 %).
+Of every N-th frame of a split, in int8. First whole maps by how often the step of a channel is doubled
+(``rate_control.coarsened``): bytes, how many maps ``--max_bytes`` cannot hold, and the squared error as a share of the
+map's squares. Then the maps packed to exactly ``--max_bytes``: bytes by part, cells kept, the error, how often the
+search encodes a map, and its processor time, one thread (median, 95 %).
 """
 
 from __future__ import annotations
@@ -27,15 +26,15 @@ from pcdet_avp.datasets.avp.collate import load_batch
 from pcdet_avp.engine import distributed
 from pcdet_avp.engine.testing.run import load_network
 from pcdet_avp.evaluation.benchmark_table import markdown_table
-from pcdet_avp.link import MapStamp, decode, encode, rate_control
+from pcdet_avp.link import MapStamp, decode, encode, int8_exponents, rate_control, rounded
 from pcdet_avp.link.map_size import MapSize
-from pcdet_avp.link.rate_control import ranks_by_length
+from pcdet_avp.link.rate_control import coarsened
 from pcdet_avp.link.segment import PADDED, overhead_bytes, padding_overhead_bytes, unseal
 from pcdet_avp.structures.sensor_set import modality_of
 
 WHOLE, INT8, MODALITIES = 60_000, "int8", ("camera", "lidar")
 STAMP = MapStamp(0, 0, "lidar", 0.0, 0.0, 0.0)
-SHARES = (0.05, 0.055, 0.06, 0.065, 0.07, 0.08, 0.13)
+DOUBLINGS = (0, 4, 8, 10, 12, 14, 16, 20)
 
 
 def parse_arguments() -> argparse.Namespace:
@@ -61,60 +60,56 @@ def sent_maps(cfg, args: argparse.Namespace) -> dict[str, list[np.ndarray]]:
     return maps
 
 
-def longest(latent: np.ndarray, share: float, shortened: bool) -> np.ndarray:
-    """A share of a map's cells, those of the longest vectors, as they are or shortened."""
-    rank, length = ranks_by_length(latent), np.linalg.norm(latent, axis=0)
-    count = int(share * rank.size)
-    if count == rank.size:
-        return latent
-    threshold = length[rank == count] if shortened else 0.0
-    return np.where(rank < count, latent * (1 - threshold / np.where(length > 0, length, 1)), 0).astype(np.float32)
+def lost(latent: np.ndarray, arrived: np.ndarray) -> float:
+    """Squared error of a map (c, h, w) as a share of its squares, %."""
+    return 100 * float(np.square(arrived - latent).sum() / np.square(latent).sum())
 
 
-def share_table(maps: dict[str, list[np.ndarray]], max_bytes: int) -> list[str]:
-    """Mean bytes, spread and maps too large, by share and modality."""
+def steps_table(maps: dict[str, list[np.ndarray]], max_bytes: int) -> list[str]:
+    """Of whole maps: mean bytes, spread, maps too large and error, by doublings and modality."""
     room, rows = max_bytes - padding_overhead_bytes(STAMP.sender), []
-    for shortened in (False, True):
-        for share in SHARES:
-            cells = [f"{share:g}{', shortened' if shortened else ''}"]
-            for of_modality in maps.values():
-                sizes = np.array(
-                    [len(encode(longest(x, share, shortened), STAMP, WHOLE, INT8)[0]) for x in of_modality]
-                )
-                cells += [
-                    f"{sizes.mean():,.0f} ({sizes.min():,}-{sizes.max():,})",
-                    f"{100 * np.mean(sizes > room):.0f} %",
-                ]
-            rows.append(cells)
-    return markdown_table(["share of cells", "camera B", "too large", "LiDAR B", "too large"], rows)
+    for doublings in DOUBLINGS:
+        cells = [str(doublings)]
+        for of_modality in maps.values():
+            sizes, errors = [], []
+            for latent in of_modality:
+                exponents = coarsened(int8_exponents(latent), doublings)
+                sizes.append(len(encode(latent, STAMP, WHOLE, INT8, exponents)[0]))
+                errors.append(lost(latent, rounded(latent, INT8, exponents)))
+            cells += [f"{np.mean(sizes):,.0f} ({min(sizes):,}-{max(sizes):,})"]
+            cells += [f"{100 * np.mean(np.array(sizes) > room):.0f} %", f"{np.mean(errors):.2f} %"]
+        rows.append(cells)
+    columns = [f"{name} {what}" for name in maps for what in ("B", "too large", "error")]
+    return markdown_table(["doublings", *columns], rows)
 
 
 def packed(latent: np.ndarray, max_bytes: int) -> list[float]:
-    """Of a map at constant size: bytes of headers, mask, values and padding; cells kept, encodings, milliseconds."""
+    """Of a map at constant size: bytes of headers, mask, values and padding; cells sent and kept, error, encodings,
+    milliseconds."""
     encodings: list[int] = []
-    rate_control.encode = lambda *given: encodings.append(1) or encode(*given)
+    rate_control.encode = lambda *given, **named: encodings.append(1) or encode(*given, **named)
     before = time.process_time()
     (payload,) = MapSize(max_bytes, constant=True).pack(latent, STAMP, max_bytes, INT8)
     spent_ms, rate_control.encode = 1e3 * (time.process_time() - before), encode
-    (header, body), occupied = unseal(payload), decode([payload]).values.any(0)
-    headers = overhead_bytes(header.format, PADDED)
+    (header, body), arrived = unseal(payload), decode([payload]).values
+    headers, occupied = overhead_bytes(header.format, PADDED), arrived.any(0)
     mask = len(unseal(encode(occupied[None].astype(np.float32), STAMP, WHOLE, INT8)[0])[1])
     parts = [headers, mask, len(body) - mask, max_bytes - headers - len(body)]
-    return [*parts, int(occupied.sum()), len(encodings), spent_ms]
+    cells = [int(latent.any(0).sum()), int(occupied.sum())]
+    return [*parts, *cells, lost(latent, arrived), len(encodings), spent_ms]
 
 
 def packed_table(maps: dict[str, list[np.ndarray]], max_bytes: int) -> list[str]:
-    """Means of ``packed`` by share and modality, as the network sends the maps and of the longest cells of them."""
+    """Means of ``packed`` by modality."""
     rows = []
     for modality, of_modality in maps.items():
-        for share in (0.06, 1.0):
-            found = np.array([packed(longest(x, share, False), max_bytes) for x in of_modality])
-            spent = f"{np.median(found[:, -1]):.1f}, {np.quantile(found[:, -1], 0.95):.1f}"
-            encodings = f"{found[:, -2].mean():.1f} (at most {found[:, -2].max():.0f})"
-            what = "all that is sent" if share == 1 else f"{share:g} of the cells"
-            rows.append([modality, what, *(f"{mean:,.0f}" for mean in found[:, :5].mean(0)), encodings, spent])
-    parts = ["headers B", "mask B", "values B", "padding B", "cells kept"]
-    return markdown_table(["map", "", *parts, "encodings", "ms"], rows)
+        found = np.array([packed(latent, max_bytes) for latent in of_modality])
+        spent = f"{np.median(found[:, -1]):.1f}, {np.quantile(found[:, -1], 0.95):.1f}"
+        encodings = f"{found[:, -2].mean():.1f} (at most {found[:, -2].max():.0f})"
+        means = [*(f"{mean:,.0f}" for mean in found[:, :6].mean(0)), f"{found[:, 6].mean():.2f} %"]
+        rows.append([modality, *means, encodings, spent])
+    parts = ["headers B", "mask B", "values B", "padding B", "cells", "kept", "error"]
+    return markdown_table(["map", *parts, "encodings", "ms"], rows)
 
 
 def main() -> None:
@@ -123,7 +118,7 @@ def main() -> None:
     maps = sent_maps(load_arguments_config(args), args)
     packed(maps["lidar"][0], args.max_bytes)  # compiles
     print(f"{len(maps['lidar'])} frames of {args.split}; load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores\n")
-    print(*share_table(maps, args.max_bytes), "", *packed_table(maps, args.max_bytes), sep="\n")
+    print(*steps_table(maps, args.max_bytes), "", *packed_table(maps, args.max_bytes), sep="\n")
 
 
 if __name__ == "__main__":
