@@ -39,6 +39,20 @@ class Received:
     ego_from_sender: np.ndarray
 
 
+@dataclass(frozen=True, eq=False)
+class Opened:
+    """The same, decompressed: bev_map (1, C, H, W), still on its sender's grid."""
+
+    bev_map: np.ndarray
+    present: np.ndarray
+    ego_from_sender: np.ndarray
+
+    def pooled(self) -> np.ndarray:
+        """(C, h, w): one of the cells that were pooled, which are equal."""
+        pooling = self.bev_map.shape[-1] // self.present.shape[-1]
+        return self.bev_map[0, :, ::pooling, ::pooling]
+
+
 class Graphs:
     """The graphs of one half, by their names without folder and suffix."""
 
@@ -208,25 +222,35 @@ class VehicleHalf:
         for source in present_sources(sample, EGO_SOURCES):
             with self.stages(f"encode {source}"):
                 maps[source] = self._encoders.encode(sample, source)
-        of_source = {source: [r] if isinstance(r, Received) else list(r) for source, r in received.items()}
+        with self.stages("decompress"):
+            of_source = {
+                source: [self._opened(source, each) for each in ([r] if isinstance(r, Received) else r)]
+                for source, r in received.items()
+            }
         with self.stages("register"):
             of_source = self._registered(maps, of_source)
         for source, of_units in of_source.items():
-            placed = [self.place(source, each) for each in of_units]
+            placed = [self._placed(each) for each in of_units]
             with self.stages("merge units"):
                 maps[source] = merged(placed)
         if not maps:
             raise SensorError("fusion: no feature map from any of the four sources")
         return self.head(maps)
 
+    def _opened(self, source: str, known: Received) -> Opened:
+        """A received map, decompressed."""
+        latent = np.where(known.present, known.values, np.float32(0))[None]
+        bev_map = self._graphs(f"decompress_{modality_of(source)}", latent=latent)["bev_map"]
+        return Opened(bev_map, known.present, known.ego_from_sender)
+
     def _registered(
-        self, maps: Mapping[str, tuple[np.ndarray, np.ndarray]], received: dict[str, list[Received]]
-    ) -> dict[str, list[Received]]:
+        self, maps: Mapping[str, tuple[np.ndarray, np.ndarray]], received: dict[str, list[Opened]]
+    ) -> dict[str, list[Opened]]:
         """What was received, its poses corrected where registration is on; as ``models.fusion.register`` does it."""
         if self._registrar is None:
             return received
         own = {name: (maps[name][0][0], maps[name][1][0, 0]) for name in (OWN,) if name in maps}
-        sent = [ReceivedMap(self._pooled(SENT, r), Pose(r.ego_from_sender)) for r in received.get(SENT, [])]
+        sent = [ReceivedMap(r.pooled(), Pose(r.ego_from_sender)) for r in received.get(SENT, [])]
         correction = self._registrar(own, sent)
         pose = correction.true_from_believed if self._memory is None else self._memory(correction)
         if np.array_equal(pose.matrix, np.eye(4)):
@@ -250,24 +274,13 @@ class VehicleHalf:
         with self.stages("head"):
             return self._graphs("head", **features)
 
-    def _pooled(self, source: str, known: Received) -> np.ndarray:
-        """A received map (C, h, w), decompressed, one of each cells that were pooled."""
-        bev_map, pooling = self._decompressed(source, known)[0], self._network.grid.height // known.values.shape[1]
-        return bev_map[:, ::pooling, ::pooling]
-
-    def _decompressed(self, source: str, known: Received) -> np.ndarray:
-        """(1, C, H, W), still on its sender's grid."""
-        latent = np.where(known.present, known.values, np.float32(0))[None]
-        return self._graphs(f"decompress_{modality_of(source)}", latent=latent)["bev_map"]
-
-    def place(self, source: str, known: Received) -> tuple[np.ndarray, np.ndarray]:
-        """A received map, decompressed, on the ego grid, and its mask."""
-        with self.stages("decompress"):
-            bev_map = self._decompressed(source, known)
+    def _placed(self, known: Opened) -> tuple[np.ndarray, np.ndarray]:
+        """A received map on the ego grid, and its mask."""
         with self.stages("warp"):
-            valid = known.present.repeat(self._network.pooling, 0).repeat(self._network.pooling, 1)[None, None]
+            pooling = self._network.pooling
+            valid = known.present.repeat(pooling, 0).repeat(pooling, 1)[None, None]
             cells, weights = warp.neighbours(known.ego_from_sender, self._network.grid)
-            warped = self._graphs("warp", bev_map=bev_map, valid=valid, cells=cells, weights=weights)
+            warped = self._graphs("warp", bev_map=known.bev_map, valid=valid, cells=cells, weights=weights)
         return warped["warped_map"], warped["warped_valid"]
 
 
