@@ -18,8 +18,8 @@ ROOT = Path(__file__).resolve().parents[1]
 OUTSIDE = "repository"
 PAGES = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "weights/README.md")
 CARRIED = ("", ".md", ".py", ".ipynb", ".yaml", ".cff", ".jpg", ".png")  # suffixes of linked files; "" is LICENSE
-PACKAGES = ("structures", "sim", "link", "evaluation", "visualization", "datasets", "models", "engine", "bandwidth")
-PACKAGES += ("closed_loop", "placement", "openpcdet")
+PACKAGES = ("structures", "sim", "link", "evaluation", "registration", "deploy", "visualization", "datasets", "models")
+PACKAGES += ("engine", "bandwidth", "closed_loop", "placement", "openpcdet")
 LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\[\]]*\])*)\]\(([^)\s]+)\)")
 BLOCK = re.compile(r"(^```.*?^```)", re.DOTALL | re.MULTILINE)
 

@@ -18,7 +18,8 @@ from pcdet_avp.structures.sensor_set import SOURCES
 
 CLASS_NAMES = ("Car", "Pedestrian")
 DIFFICULTIES = ("easy", "hard", "invisible")
-# Fewest visible box vertices of an easy and of a hard object (spec: easy 5-8, hard 2-4, invisible 0-1).
+# Fewest visible box vertices of an easy and of a hard object: easy 5-8, hard 2-4, invisible 0-1 (ours: the paper
+# gives no counts).
 EASY_VERTICES, HARD_VERTICES = 5, 2
 
 
