@@ -14,44 +14,17 @@ from pcdet_avp.closed_loop.sweep.unit_figures import UnitFigures, pooled_units
 
 class SideColumn(NamedTuple):
     """A table's heading and the text of its cells; ``of_perception``: it tells of detections, which the baseline has
-    none of."""
+    none of. ``tells``: whether a cell gives it anything to say; None: every cell does."""
 
     heading: str
     text: Callable[[Cell], str]
     of_perception: bool = False
+    tells: Callable[[Cell], bool] | None = None
 
 
 def side_columns(cells: Sequence[Cell]) -> list[SideColumn]:
     """Every table that has something to say about these cells."""
-    columns = [
-        SideColumn("mean speed (m/s), share of false braking (%)", _pace),
-        SideColumn(
-            "contacts with the front / with the side", lambda c: f"{c.outcomes('front')} / {c.outcomes('side')}"
-        ),
-        SideColumn("smallest distance (m) / smallest time to collision (s): medians", _nearness),
-        SideColumn("hardest deceleration (m/s2) / fastest impact (m/s)", _violence),
-    ]
-    columns += [column for name, column in MEASURED.items() if any(len(cell.measured(name)) for cell in cells)]
-    if any(cell.crashes and cell.preventable is not None for cell in cells):
-        columns.append(SideColumn("crashes that the oracle avoids on the same trials, of all crashes", _preventable))
-    if any(cell.crashes and cell.seen_in_time is not None and not _is_los(cell) for cell in cells):
-        heading = "crashes that line of sight (los) avoids with the same sensors on the same trials, of all crashes"
-        columns.append(SideColumn(heading, _seen_in_time, of_perception=True))
-    if any(_has(cell, "first_detection_m") for cell in cells):
-        heading = "first detection, m ahead of the bumper: median (episodes without any, %)"
-        columns.append(SideColumn(heading, _first_detection, of_perception=True))
-    if any(_has(cell, "missed_outside") or _has(cell, "missed_occluded") for cell in cells):
-        heading = "threats unseen, ticks per episode: outside every field of view, or too small in the image / occluded"
-        columns.append(SideColumn(heading, _misses, of_perception=True))
-    if any(_has(cell, "messages") for cell in cells):
-        heading = "roadside maps used: mean size (kB) / mean age (ms)"
-        columns.append(SideColumn(heading, _messages, of_perception=True))
-    if any(len(_units(cell)) > 1 for cell in cells):
-        heading = "maps used of each roadside unit: number x mean size (kB), mean age (ms), longest gap (s)"
-        columns.append(SideColumn(heading, _by_unit, of_perception=True))
-    if any(unfinished(cell) for cell in cells):
-        columns.append(SideColumn("episodes that the time limit cut off", lambda cell: str(unfinished(cell))))
-    return columns
+    return [column for column in COLUMNS if column.tells is None or any(map(column.tells, cells))]
 
 
 def unfinished(cell: Cell) -> int:
@@ -151,12 +124,78 @@ def _least(cell: Cell, column: str) -> str:
     return table_text(min(cell.measured(column), default=None))
 
 
-MEASURED = {  # by the column that says whether it was measured
-    "min_pet_s": SideColumn("post-encroachment time (s): median / smallest", _encroachment),
-    "max_drac_mps2": SideColumn(
-        "deceleration to avoid the crash (DRAC, m/s2) / brake threat number: medians", _braking
+def _saved_by_oracle(cell: Cell) -> bool:
+    return bool(cell.crashes) and cell.preventable is not None
+
+
+def _saved_by_los(cell: Cell) -> bool:
+    return bool(cell.crashes) and cell.seen_in_time is not None and not _is_los(cell)
+
+
+def _measured(column: str) -> Callable[[Cell], bool]:
+    """Whether any episode of a cell has a value in a column."""
+    return lambda cell: len(cell.measured(column)) > 0
+
+
+def _above_0(*columns: str) -> Callable[[Cell], bool]:
+    """Whether any episode of a cell has a value above 0 in one of some columns."""
+    return lambda cell: any(_has(cell, column) for column in columns)
+
+
+COLUMNS = (  # in the report's order
+    SideColumn("mean speed (m/s), share of false braking (%)", _pace),
+    SideColumn("contacts with the front / with the side", lambda c: f"{c.outcomes('front')} / {c.outcomes('side')}"),
+    SideColumn("smallest distance (m) / smallest time to collision (s): medians", _nearness),
+    SideColumn("hardest deceleration (m/s2) / fastest impact (m/s)", _violence),
+    SideColumn("post-encroachment time (s): median / smallest", _encroachment, tells=_measured("min_pet_s")),
+    SideColumn(
+        "deceleration to avoid the crash (DRAC, m/s2) / brake threat number: medians",
+        _braking,
+        tells=_measured("max_drac_mps2"),
     ),
-    "min_rss_margin_m": SideColumn("smallest headway (s) / gap less RSS distance (m): medians", _distances),
-    "comfort_share": SideColumn("hard brakes per episode / comfortable ticks (%) / jerk (rms, m/s3)", _comfort),
-    "delay_s": SideColumn("delay against cruising on (s)", _delay),
-}
+    SideColumn(
+        "smallest headway (s) / gap less RSS distance (m): medians", _distances, tells=_measured("min_rss_margin_m")
+    ),
+    SideColumn(
+        "hard brakes per episode / comfortable ticks (%) / jerk (rms, m/s3)", _comfort, tells=_measured("comfort_share")
+    ),
+    SideColumn("delay against cruising on (s)", _delay, tells=_measured("delay_s")),
+    SideColumn(
+        "crashes that the oracle avoids on the same trials, of all crashes", _preventable, tells=_saved_by_oracle
+    ),
+    SideColumn(
+        "crashes that line of sight (los) avoids with the same sensors on the same trials, of all crashes",
+        _seen_in_time,
+        of_perception=True,
+        tells=_saved_by_los,
+    ),
+    SideColumn(
+        "first detection, m ahead of the bumper: median (episodes without any, %)",
+        _first_detection,
+        of_perception=True,
+        tells=_above_0("first_detection_m"),
+    ),
+    SideColumn(
+        "threats unseen, ticks per episode: outside every field of view, or too small in the image / occluded",
+        _misses,
+        of_perception=True,
+        tells=_above_0("missed_outside", "missed_occluded"),
+    ),
+    SideColumn(
+        "roadside maps used: mean size (kB) / mean age (ms)",
+        _messages,
+        of_perception=True,
+        tells=_above_0("messages"),
+    ),
+    SideColumn(
+        "maps used of each roadside unit: number x mean size (kB), mean age (ms), longest gap (s)",
+        _by_unit,
+        of_perception=True,
+        tells=lambda cell: len(_units(cell)) > 1,
+    ),
+    SideColumn(
+        "episodes that the time limit cut off",
+        lambda cell: str(unfinished(cell)),
+        tells=lambda cell: unfinished(cell) > 0,
+    ),
+)
