@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.optimize import Bounds, LinearConstraint, milp
@@ -31,11 +32,10 @@ class Coverage:
     weights: np.ndarray
     prices: np.ndarray
 
-    @property
+    @cached_property
     def as_float(self) -> np.ndarray:
-        if "_float" not in self.__dict__:
-            object.__setattr__(self, "_float", self.covers.astype(np.float32))
-        return self.__dict__["_float"]
+        """(C, E) float32: ``covers``, for matrix products."""
+        return self.covers.astype(np.float32)
 
     def of(self, chosen: Sequence[int]) -> float:
         """Weight that a choice covers."""
@@ -43,6 +43,7 @@ class Coverage:
         return float(self.weights[covered].sum())
 
     def cost(self, chosen: Sequence[int]) -> float:
+        """Price of a choice."""
         return float(self.prices[list(chosen)].sum())
 
     def gains(self, chosen: Sequence[int]) -> np.ndarray:

@@ -18,8 +18,6 @@ from pcdet_avp.placement.spots import RAYS
 from pcdet_avp.placement.visibility import Look, OccupancyView, Site, find_looks, whole_counts
 from pcdet_avp.structures.roadside_unit import MountedUnit
 
-FAMILIES = (*SET_NAMES, "any")  # of units with one set of sensors; mixed
-
 
 @dataclass(frozen=True)
 class Option:
@@ -42,6 +40,7 @@ class Sight:
 
     @classmethod
     def of(cls, site: Site, views: Sequence[OccupancyView], models: SensorModels, yaws: int) -> Sight:
+        """From O occupancies' views; ``yaws``: in how many directions, evenly spaced, a sensor may look."""
         free, hidden, taken = (np.stack([getattr(v, name) for v in views]) for name in ("free", "hidden", "taken"))
         return cls(site, tuple(find_looks(site.mounts, yaws)), models, free, hidden, taken)
 
@@ -56,6 +55,7 @@ class Sight:
 
     @cached_property
     def counts(self) -> tuple[np.ndarray, np.ndarray]:
+        """Pixels and returns (L, S) on an unhidden body at every spot, for every look."""
         return whole_counts(self.site, self.looks, self.models)
 
     def sees(self, look: int, sensors: str) -> np.ndarray:

@@ -121,8 +121,3 @@ def _checked(name: str, section: Any) -> Mapping[str, Any]:
         if not rules[key].allows(section[key]):
             raise ConfigError(f"{where}.{key}: expected {rules[key].expected}, found {section[key]!r}")
     return section
-
-
-def sensors_of(unit: MountedUnit) -> str:
-    """``C``, ``L`` or ``CL``."""
-    return "C" * unit.camera + "L" * unit.lidar

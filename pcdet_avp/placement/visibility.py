@@ -71,6 +71,7 @@ class OccupancyView:
 
 @lru_cache(maxsize=2)
 def site_of(study: Study) -> Site:
+    """A study's floor, candidate places and spots; a process works them out once."""
     floor = cached_plan(study.plan).floor(study.floor)
     spots = find_spots(floor, study.settings)
     mounts = find_candidates(floor, study.candidates)
@@ -214,10 +215,12 @@ def whole_counts(site: Site, looks: Sequence[Look], models: SensorModels) -> tup
 
 
 def save_view(file: Path, view: OccupancyView) -> None:
+    """Write a view as .npz, whole or not at all."""
     with replacing(file, aside=file.with_name(f".{file.stem}.tmp.npz")) as aside:
         np.savez_compressed(aside, free=view.free, hidden=view.hidden, taken=view.taken)
 
 
 def load_view(file: Path) -> OccupancyView:
+    """Read what ``save_view`` wrote."""
     with np.load(file) as stored:
         return OccupancyView(stored["free"], stored["hidden"], stored["taken"])
