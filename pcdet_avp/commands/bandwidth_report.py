@@ -49,10 +49,9 @@ def parse_arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def main() -> None:
-    args, started = parse_arguments(), time.time()
-    cfg, ranks = load_arguments_config(args), distributed.start(device=args.device, alone=True)
-    options = StudyOptions(
+def study_options(args: argparse.Namespace) -> StudyOptions:
+    """What is studied, on which frames, over which link."""
+    return StudyOptions(
         studies=tuple(name.strip() for name in args.studies.split(",") if name.strip()),
         combos=tuple(parse_combos(args.combos)),
         every=args.every,
@@ -61,6 +60,12 @@ def main() -> None:
         seed=args.seed,
         budget_bytes=args.budget,
     )
+
+
+def main() -> None:
+    args, started = parse_arguments(), time.time()
+    cfg, ranks = load_arguments_config(args), distributed.start(device=args.device, alone=True)
+    options = study_options(args)
     codec = None if args.cpm_asn1 is None else CpmCodec.from_folder(args.cpm_asn1)
     run_folder = RunFolder.of(args.cfg)
     out = args.out or run_folder.root / "bandwidth"

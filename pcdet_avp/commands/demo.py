@@ -88,7 +88,14 @@ def main() -> None:
     ckpt = choose_checkpoint(args.ckpt, args.cfg, run_folder.checkpoints, logger.info)
     if args.data_path:
         _show_clouds(args, cfg, ckpt, ranks, out, logger)
-        return
+    else:
+        _show_frames(args, cfg, combos, ckpt, ranks, out, logger)
+
+
+def _show_frames(
+    args: argparse.Namespace, cfg, combos: list[str], ckpt: Path, ranks: distributed.Ranks, out: Path, logger
+) -> None:
+    """Frames of a split as pictures, or as a video."""
     how = {"training": False, "split": args.split, "logger": logger, "needs_labels": False}
     dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, **how)
     model, content = load_network(cfg, ckpt, dataset, ranks, logger)
@@ -108,6 +115,7 @@ def main() -> None:
 
 
 def _show_clouds(args: argparse.Namespace, cfg, ckpt: Path, ranks: distributed.Ranks, out: Path, logger) -> None:
+    """Point clouds of other data sets as pictures; RecordError, after all others, where one was skipped."""
     data_cfg = require(cfg, "DATA_CONFIG", dict)
     network_input, files = NetworkInput.from_config(data_cfg, cfg.CLASS_NAMES), cloud_files(args.data_path)
     model, content = load_network(cfg, ckpt, network_input, ranks, logger)
@@ -121,6 +129,7 @@ def _show_clouds(args: argparse.Namespace, cfg, ckpt: Path, ranks: distributed.R
 
 
 def _telling(dataset, count: int) -> list[str]:
+    """Ids of the frames that show best what the roadside adds."""
     frames = (dataset.read_labels(index) for index in range(len(dataset)))
     return [chosen.frame_id for chosen in telling_frames(frames, dataset.prepare_config.grid, count)]
 

@@ -25,9 +25,19 @@ def main() -> None:
     parser.add_argument("--out", type=path, required=True, help="file to write, .pth or .safetensors")
     args = parser.parse_args()
     ckpt = furthest_of(args.ckpt) if args.ckpt.is_dir() else args.ckpt
-    content = read_checkpoint(ckpt)
-    kept_keys = KEPT if content.get("config", {}).get("MODEL", {}).get("NAME") in WITHOUT_BOXES else WITH_BOXES
-    missing = [key for key in kept_keys if key not in content]
+    kept = published(read_checkpoint(ckpt), ckpt)
+    save(args.out, kept)
+    size = args.out.stat().st_size / 2**20
+    print(f"wrote {args.out}: weights {weights_hash(kept['model_state'])}, {size:.1f} MB")
+
+
+def published(content: dict[str, Any], ckpt: Path) -> dict[str, Any]:
+    """What of a checkpoint's content others need, without paths of this machine.
+
+    CheckpointError, which names ``ckpt``, where something of it is missing.
+    """
+    keys = KEPT if content.get("config", {}).get("MODEL", {}).get("NAME") in WITHOUT_BOXES else WITH_BOXES
+    missing = [key for key in keys if key not in content]
     if missing:
         raise CheckpointError(
             f"{ckpt}: lacks {', '.join(missing)}; tools/train.py chooses score thresholds at the end of a run"
@@ -35,9 +45,7 @@ def main() -> None:
     config = content["config"]
     data = {**config["DATA_CONFIG"], "DATA_PATH": Path(config["DATA_CONFIG"]["DATA_PATH"]).name}
     said = without_folders({"config": {**config, "DATA_CONFIG": data}, MEANING_KEY: meaning_in(content)})
-    save(args.out, {key: content[key] for key in kept_keys} | said)
-    size = args.out.stat().st_size / 2**20
-    print(f"wrote {args.out}: weights {weights_hash(content['model_state'])}, {size:.1f} MB")
+    return {key: content[key] for key in keys} | said
 
 
 def without_folders(value: Any) -> Any:

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from easydict import EasyDict
 from torch import nn
 
 from pcdet_avp import shipped
@@ -141,8 +142,8 @@ def _load(
     ignored: tuple[str, ...],
 ) -> DrivingNetwork:
     """``_written_ns`` makes a file that was written anew be read anew."""
-    cfg, content = ignoring(apply_overrides(load_config(cfg_file), list(overrides)), ignored), read_checkpoint(ckpt)
-    if sha256 is not None and hashlib.sha256(Path(ckpt).read_bytes()).hexdigest() != sha256:
+    cfg, content = _config(cfg_file, overrides, ignored), read_checkpoint(ckpt)
+    if _has_changed(Path(ckpt), sha256):
         raise CheckpointError(f"{ckpt}: was written anew meanwhile; give a checkpoint that stays as it is")
     driving = untrained(cfg)
     _say_what_is_new_to_it(driving)
@@ -161,6 +162,16 @@ def _load(
         "precision": driving.network.precision,
     }
     return replace(driving, facts=facts)
+
+
+def _config(cfg_file: str, overrides: Sequence[str], ignored: Sequence[str]) -> EasyDict:
+    """The configuration with ``--set`` and ``--ignore_config``."""
+    return ignoring(apply_overrides(load_config(cfg_file), list(overrides)), ignored)
+
+
+def _has_changed(file: Path, sha256: str | None) -> bool:
+    """Whether a file has another SHA-256 than it must have; None: it may have any."""
+    return sha256 is not None and hashlib.sha256(file.read_bytes()).hexdigest() != sha256
 
 
 def _say_what_is_new_to_it(driving: DrivingNetwork) -> None:
@@ -185,9 +196,9 @@ def load_exported(
     ignore_config: Sequence[str] = (),
 ) -> DrivingNetwork:
     """As ``load``, of an exported network; ``sha256`` is that of its manifest. One thread computes."""
-    cfg = ignoring(apply_overrides(load_config(cfg_file), list(overrides)), ignore_config)
+    cfg = _config(cfg_file, overrides, ignore_config)
     deployed = open_deployed(Path(folder), runtime, cfg, threads=1)
-    if sha256 is not None and hashlib.sha256((Path(folder) / MANIFEST).read_bytes()).hexdigest() != sha256:
+    if _has_changed(Path(folder) / MANIFEST, sha256):
         raise ExportError(f"{folder}: was written anew meanwhile; give an export that stays as it is")
     facts, names = deployed.exported.facts, cfg["CLASS_NAMES"]
     thresholds = facts.get(THRESHOLDS_KEY) or {}

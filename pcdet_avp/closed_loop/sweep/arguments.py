@@ -43,23 +43,11 @@ def sweep_of(args: argparse.Namespace, loop_file: Path) -> Sweep:
     check_values(cfg)
     closed_loop = plain(apply_overrides(load_config(loop_file), loop_overrides))
     EpisodeSettings.from_config(closed_loop)  # raises where a key or a value is wrong
-    perceiver = {"data_cfg": {key: plain(require(cfg, f"DATA_CONFIG.{key}")) for key in SENSING_KEYS}}
-    if (units := cfg.DATA_CONFIG.get("ROADSIDE_UNITS")) is not None:
-        mounted_units(units)  # raises where a unit cannot be
-        perceiver["data_cfg"]["ROADSIDE_UNITS"] = plain(units)
+    perceiver = {"data_cfg": _sensing(cfg)}
     scenario, perception = find_scenario(args.scenario), find_perception(args.perception)
+    _check_belongs(args, perception)
     if perception.uses_network:
         perceiver |= _network(args, overrides)
-    elif _network_options(args):
-        raise ConfigError(
-            "--ckpt, --runtime, --exported, --precision, --ignore_config, --link and its options belong to "
-            f"--perception model, found {perception.name}"
-        )
-    if args.combos != "all" and not perception.uses_sensors:
-        raise ConfigError(
-            f"--combos, --combo: perception {perception.name!r} is the same with every sensor set; expected none to be "
-            f"named, found {args.combos!r}"
-        )
     combos = _named_combos(args.combos)
     if perception.uses_sensors:
         _check_units_on_plan(scenario.name, cfg.DATA_CONFIG, combos)
@@ -81,6 +69,29 @@ def _config(args: argparse.Namespace) -> EasyDict:
     """The configuration that is driven with: ``--set`` without the loop's keys, and ``--ignore_config``."""
     overrides = list(split_overrides(args.overrides)[1])
     return ignoring(apply_overrides(load_config(args.cfg), overrides), args.ignore_config)
+
+
+def _sensing(cfg: EasyDict) -> dict[str, Any]:
+    """What a perceiver without a network reads of DATA_CONFIG, in plain values; ConfigError where a unit cannot be."""
+    data_cfg = {key: plain(require(cfg, f"DATA_CONFIG.{key}")) for key in SENSING_KEYS}
+    if (units := cfg.DATA_CONFIG.get("ROADSIDE_UNITS")) is not None:
+        mounted_units(units)
+        data_cfg["ROADSIDE_UNITS"] = plain(units)
+    return data_cfg
+
+
+def _check_belongs(args: argparse.Namespace, perception: PerceptionKind) -> None:
+    """ConfigError where something was given that the perception has no use for."""
+    if not perception.uses_network and _network_options(args):
+        raise ConfigError(
+            "--ckpt, --runtime, --exported, --precision, --ignore_config, --link and its options belong to "
+            f"--perception model, found {perception.name}"
+        )
+    if args.combos != "all" and not perception.uses_sensors:
+        raise ConfigError(
+            f"--combos, --combo: perception {perception.name!r} is the same with every sensor set; expected none to be "
+            f"named, found {args.combos!r}"
+        )
 
 
 def _named_combos(text: str) -> tuple[str, ...]:

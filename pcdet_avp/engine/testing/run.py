@@ -117,10 +117,7 @@ def run_test(
     """
     dataset = build_dataset(cfg.DATA_CONFIG, cfg.CLASS_NAMES, training=False, split=split, logger=logger)
     if runtime == TORCH:
-        model, content = load_network(cfg, path, dataset, ranks, logger, precision)
-        check_same_split(content, cfg["DATA_CONFIG"], path)
-        content["seen_before"] = seen_before(content, dataset)
-        content["weights_hash"] = checkpoint.weights_hash(content["model_state"])
+        model, content = _load_to_test(cfg, path, dataset, ranks, logger, precision)
     else:
         model, content = load_exported(cfg, path, runtime)
     if not wire and model.codec.map_size != UNLIMITED:
@@ -131,10 +128,23 @@ def run_test(
     seed = content.get("sampler", {}).get("seed")
     meta = provenance(cfg, config_name, seed=seed, weights_hash=content["weights_hash"], started=started)
     gains = roadside_gains(dataset, found.detections)
-    meta |= _about(path, content, dataset, wire) | {"precision": getattr(model, "precision", "float32")}
-    meta |= {"split_by": protocol_of(cfg["DATA_CONFIG"])}
+    meta |= _about(path, content, dataset, wire)
+    meta |= {"precision": getattr(model, "precision", "float32"), "split_by": protocol_of(cfg["DATA_CONFIG"])}
     meta |= {"seen_before": content["seen_before"]} if content.get("seen_before") else {}
     return BenchmarkResult(meta, rows, texts, found.detections, gains)
+
+
+def _load_to_test(
+    cfg: Mapping, path: Path, dataset: Any, ranks: Ranks, logger: logging.Logger, precision: str
+) -> tuple[nn.Module, dict[str, Any]]:
+    """``load_network``, and in the content the weights' hash and what they have seen of ``dataset`` in training.
+
+    Raises where they were trained on these data by another split.
+    """
+    model, content = load_network(cfg, path, dataset, ranks, logger, precision)
+    check_same_split(content, cfg["DATA_CONFIG"], path)
+    seen, weights = seen_before(content, dataset), checkpoint.weights_hash(content["model_state"])
+    return model, {**content, "seen_before": seen, "weights_hash": weights}
 
 
 def _about(path: Path, content: Mapping[str, Any], dataset: Any, wire: bool) -> dict[str, Any]:

@@ -131,18 +131,24 @@ def build_trainer(cfg: Mapping, dataset: Any, options: TrainOptions, ranks: Rank
     combos = tuple(existing_combos(dataset, optim_cfg.get("SENSOR_SETS"), "OPTIMIZATION.SENSOR_SETS", logger))
     plan = BatchPlan(len(dataset), batch_size, options.seed, combos)
     planned = require(optim_cfg, "NUM_EPOCHS", int) * plan.per_epoch
-    use_amp = options.use_amp or bool(optim_cfg.get("USE_AMP"))
-    if use_amp and ranks.device.type == "cpu" and optim_cfg.get("AMP_DTYPE", "bf16") != "bf16":
-        raise ConfigError("--use_amp: a CPU computes in bf16 or in full precision; set OPTIMIZATION.AMP_DTYPE to bf16")
-    if use_amp and emulates_bf16(ranks.device):
-        logger.warning(SLOW_BF16)
-    trainer = Trainer(model, optim_cfg, plan, planned, ranks, use_amp)
+    trainer = Trainer(model, optim_cfg, plan, planned, ranks, _uses_amp(options, optim_cfg, ranks, logger))
     parameters = sum(p.numel() for p in model.parameters())
     logger.info(
         f"{parameters:,} parameters; {len(dataset)} frames, {plan.per_epoch} iterations of {batch_size} an epoch, "
         f"{planned} in all"
     )
     return trainer
+
+
+def _uses_amp(options: TrainOptions, optim_cfg: Mapping, ranks: Ranks, logger: logging.Logger) -> bool:
+    """Whether precision is mixed, by ``--use_amp`` or OPTIMIZATION.USE_AMP; ConfigError where a CPU cannot."""
+    if not (options.use_amp or optim_cfg.get("USE_AMP")):
+        return False
+    if ranks.device.type == "cpu" and optim_cfg.get("AMP_DTYPE", "bf16") != "bf16":
+        raise ConfigError("--use_amp: a CPU computes in bf16 or in full precision; set OPTIMIZATION.AMP_DTYPE to bf16")
+    if emulates_bf16(ranks.device):
+        logger.warning(SLOW_BF16)
+    return True
 
 
 def resume(trainer: Trainer, cfg: Mapping, folder: RunFolder, options: TrainOptions, logger: logging.Logger) -> None:
