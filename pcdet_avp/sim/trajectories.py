@@ -100,6 +100,7 @@ class Path:
         return cls((Segment(x, y, yaw, 0.0),))
 
     def straight(self, length: float) -> Path:
+        """The path with a straight piece of ``length`` (m) at its end."""
         return self._extended(length, 0.0)
 
     def arc(self, radius: float, angle: float) -> Path:

@@ -69,6 +69,7 @@ def _flip(entry: Mapping) -> Augmentation:
 
 
 def flip_sometimes(frame: Frame, rng: np.random.Generator, probability: float) -> Frame:
+    """The frame, or by chance its mirror image (y -> -y in both agents' frames)."""
     return transforms.flip(frame) if rng.random() < probability else frame
 
 
@@ -82,6 +83,7 @@ def _rotation(entry: Mapping) -> Augmentation:
 
 
 def rotate_agents(frame: Frame, rng: np.random.Generator, agents: list[str], low: float, high: float) -> Frame:
+    """Turn the frames of some agents, each by an angle of its own between low and high (rad)."""
     for agent in agents:
         frame = transforms.rotate_agent(frame, agent, rng.uniform(low, high))
     return frame
@@ -96,6 +98,7 @@ def _scaling(entry: Mapping) -> Augmentation:
 
 
 def scale_evenly(frame: Frame, rng: np.random.Generator, low: float, high: float) -> Frame:
+    """Multiply every length by one factor between low and high."""
     return transforms.scale(frame, rng.uniform(low, high))
 
 
@@ -107,12 +110,17 @@ def _photometric(entry: Mapping) -> Augmentation:
 
 
 def jitter_both(frame: Frame, rng: np.random.Generator, **ranges: Any) -> Frame:
+    """``jitter`` of both agents' images, each with draws of its own."""
     return replace(frame, ego=jitter(frame.ego, rng, **ranges), infra=jitter(frame.infra, rng, **ranges))
 
 
 def jitter(
     view: AgentView, rng: np.random.Generator, brightness: float, contrast: tuple[float, float], noise_std: float
 ) -> AgentView:
+    """The view with its image brighter or darker by up to ``brightness``, with another contrast and with grey noise.
+
+    Brightness and noise are shares of full scale. A view without an image draws as many numbers as one with it.
+    """
     offset, gain = rng.uniform(-brightness, brightness), rng.uniform(*contrast)
     noise_rng = rng.spawn(1)[0]
     if view.image is None:
@@ -137,6 +145,7 @@ def _localisation(entry: Mapping) -> Augmentation:
 
 
 def misplace_normally(frame: Frame, rng: np.random.Generator, stds: tuple[float, float, float]) -> Frame:
+    """Move the roadside's map by a normal error; ``stds`` along x and y (m) and in yaw (rad)."""
     return transforms.misplace_infra(frame, *(rng.standard_normal(3) * stds))
 
 

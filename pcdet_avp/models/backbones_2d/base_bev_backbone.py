@@ -64,6 +64,7 @@ class ConvStage(nn.Sequential):
     """Convolutions, each with norm and ReLU behind it, which are computed in one where that serves."""
 
     def forward(self, x: Tensor) -> Tensor:
+        """x (B, C, h, w) -> (B, C_out, h / stride, w / stride)."""
         layers = list(self)
         if isinstance(layers[0], nn.Identity):
             del layers[0]

@@ -18,4 +18,5 @@ class DepthHead(nn.Module):
         self.classify = PointwiseConv2d(mid_channels, num_bins + 1, cells_last=True)
 
     def forward(self, features: Tensor) -> Tensor:
+        """features (B, C, h, w) -> logits (B, NUM_BINS + 1, h, w)."""
         return self.classify(norm_relu(self.norm, self.conv(features)))

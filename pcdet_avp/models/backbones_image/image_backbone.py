@@ -44,6 +44,7 @@ class ImageBackbone(nn.Module):
         self.register_buffer("std", torch.tensor(IMAGENET_STD).view(3, 1, 1), persistent=False)
 
     def forward(self, images: Tensor) -> Tensor:
+        """images (B, 3, h, w) in [0, 1] -> features (B, OUT_CHANNELS, ceil(h / 4), ceil(w / 4))."""
         stem = self.resnet.patch_stem
         if stem is not None and patches.fits(images):
             x = stem.of_patches(patches.normalised_patches(images, self.mean, self.std, PATCH))
@@ -65,6 +66,7 @@ class FeaturePyramid(nn.Module):
         self.norm = make_norm(norm, out_channels)
 
     def forward(self, stages: list[Tensor]) -> Tensor:
+        """Maps (B, C_i, h_i, w_i), the finest first -> (B, out_channels, h_0, w_0)."""
         x = self.lateral[-1](stages[-1])
         for lateral, stage in zip(self.lateral[-2::-1], stages[-2::-1], strict=True):
             x = lateral(stage) + F.interpolate(x, size=stage.shape[-2:], mode="bilinear", align_corners=False)

@@ -45,6 +45,7 @@ class ResNet(nn.Module):
             self.add_module(f"layer{i + 1}", nn.Sequential(*stage))
 
     def forward(self, images: Tensor) -> list[Tensor]:
+        """images (B, 3, h, w), normalised -> a map (B, C_i, h_i, w_i) of each stage, the finest first."""
         return self.behind_stem(self._stem(images))
 
     def behind_stem(self, x: Tensor) -> list[Tensor]:
@@ -73,6 +74,7 @@ class PatchStem(nn.Module):
         self.norm = make_norm(norm, channels)
 
     def forward(self, images: Tensor) -> Tensor:
+        """images (B, 3, h, w) -> (B, channels, ceil(h / 4), ceil(w / 4))."""
         below, right = (-n % PATCH for n in images.shape[2:])
         return self.of_patches(for_convolutions(F.pixel_unshuffle(F.pad(images, (0, right, 0, below)), PATCH)))
 
@@ -95,6 +97,7 @@ class BasicBlock(nn.Module):
         self.downsample = _shortcut(inputs, width, stride, norm)
 
     def forward(self, x: Tensor) -> Tensor:
+        """x (B, inputs, h, w) -> (B, width * expansion, ceil(h / stride), ceil(w / stride))."""
         shortcut = x if self.downsample is None else self.downsample(x)
         out = norm_relu(self.bn1, self.conv1(x))
         return norm_relu(self.bn2, self.conv2(out), shortcut)
@@ -117,6 +120,7 @@ class Bottleneck(nn.Module):
         self.downsample = _shortcut(inputs, outputs, stride, norm)
 
     def forward(self, x: Tensor) -> Tensor:
+        """x (B, inputs, h, w) -> (B, width * expansion, ceil(h / stride), ceil(w / stride))."""
         shortcut = x if self.downsample is None else self.downsample(x)
         out = norm_relu(self.bn1, self.conv1(x))
         out = norm_relu(self.bn2, self.conv2(out))

@@ -37,6 +37,7 @@ class CameraForm(nn.Module):
     def forward(
         self, image: Tensor, row_of_cell: Tensor, pixels: Tensor, weights: Tensor, bins: Tensor, bin_shift: Tensor
     ) -> Tensor:
+        """image (1, 3, h, w) in [0, 1]; row_of_cell (H * W,), the others (c, Z, ...) as in ``FrustumTables``."""
         features = self.encoder.image_backbone(image[:, :, self.crop_px :])
         logits = self.encoder.depth_head(features)
         width = features.shape[3] + 2
@@ -131,6 +132,7 @@ class WarpForm(nn.Module):
         self.grid = grid
 
     def forward(self, bev_map: Tensor, valid: Tensor, cells: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
+        """bev_map (1, C, H, W), valid (1, 1, H, W) bool, cells and weights (H * W, 4) -> map and mask, ego grid."""
         weights = weights * valid.flatten()[cells]
         share = weights.sum(1, keepdim=True)
         present = share >= MIN_PRESENT_SHARE

@@ -1,4 +1,4 @@
-"""What a car is like: body type, size at CARLA's range (specification, section 2), paint and shape."""
+"""What a car is like: body type, size (of CARLA's range), paint and shape."""
 
 from __future__ import annotations
 

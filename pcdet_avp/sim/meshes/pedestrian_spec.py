@@ -1,6 +1,6 @@
 """What a pedestrian is like: adult or child, height, label box and clothes.
 
-The label box is CARLA's capsule box, not the swinging mesh (specification, section 2).
+The label box is CARLA's capsule box, not the swinging mesh.
 """
 
 from __future__ import annotations
