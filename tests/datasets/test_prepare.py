@@ -158,6 +158,15 @@ def test_a_depth_map_is_resized_without_mixing(make_frame):
     assert set(np.unique(maps)) == {4.0, 20.0}
 
 
+def test_a_pixel_of_a_resized_depth_map_is_the_one_under_its_centre(make_frame):
+    """A third of the size: a new pixel covers three old ones a side, and its centre lies in the middle one."""
+    frame = make_frame()
+    depth = (1.0 + np.arange(63) + 100.0 * np.arange(36)[:, None]).astype(np.float32)
+    config = replace(CONFIG, image_shape=(12, 21), depth_downsample=1)
+    maps = prepare(replace(frame, ego=replace(frame.ego, depth=depth)), ALL, config)["depth_maps"]
+    np.testing.assert_array_equal(maps, depth[1::3, 1::3])
+
+
 def test_ground_truth_holds_what_is_in_range_and_wanted(make_frame):
     boxes = prepare(make_frame(), ALL, CONFIG)["gt_boxes"]  # a car, a pedestrian, and a car at x = 80
     np.testing.assert_allclose(boxes[:, [0, 1, 7]], [[12, 3, 1], [8, -4, 2]])
