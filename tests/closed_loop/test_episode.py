@@ -183,6 +183,14 @@ class TestGauges:
         log = drive(scenes.scene(standing), scenes.Scripted({40: scenes.pedestrian_at(x, 0.0)}))
         assert log.figures.first_detection_m == pytest.approx(15.0 - HALF_PEDESTRIAN)
 
+    @pytest.mark.parametrize(("off_m", "first_m"), [(0.9, 15.0 - HALF_PEDESTRIAN), (1.1, 0.0)])
+    def test_a_detection_beyond_a_metre_is_of_nobody(self, scenes, off_m, first_m):
+        """Then the pedestrian is met without ever being noticed, which counts as 0 m."""
+        standing = scenes.pedestrian([(25.0, 0.0), (25.0, 1.0)], start_s=99.0)
+        beside = scenes.pedestrian_at(25.0 - 10.0 + 2.4, off_m)
+        log = drive(scenes.scene(standing), scenes.Scripted({40: beside}))
+        assert log.figures.first_detection_m == pytest.approx(first_m)
+
 
 @pytest.mark.parametrize(
     ("cfg", "named"),

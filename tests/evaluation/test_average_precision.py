@@ -67,6 +67,12 @@ class TestDrawnCases:
     def test_a_false_detection_below_all_true_ones_costs_nothing(self):
         assert ap([frame([(10, 0)], found=[(10, 0), FAR], scores=[0.9, 0.1])]) == 100.0
 
+    def test_an_overlap_that_equals_the_threshold_is_no_hit(self):
+        """Half of a car's length off: the shared third of the union is 6 / 18, the very number 1 / 3."""
+        frames = [frame([(10, 0)], found=[(12, 0)], scores=[0.5])]
+        assert ap(frames, min_overlap=1 / 3) == 0.0
+        assert ap(frames, min_overlap=np.nextafter(1 / 3, 0)) == 100.0
+
     def test_tied_scores_enter_together(self):
         """One true and one false at the same score: no threshold separates them, so precision is 1/2."""
         for found in ([(10, 0), FAR], [FAR, (10, 0)]):

@@ -7,6 +7,7 @@ import pytest
 
 from pcdet_avp.config import load_config, plain
 from pcdet_avp.errors import ConfigError
+from pcdet_avp.placement.sensors import pitch_by_height
 from pcdet_avp.placement.settings import PlacementSettings
 
 SHIPPED = plain(load_config("cfgs/placement.yaml"))
@@ -69,3 +70,9 @@ def test_the_file_of_a_mistake_is_named(tmp_path):
     file.write_text("VEHICLE: L\n")
     with pytest.raises(ConfigError, match=r"mine\.yaml: placement: VEHICLE: expected C or CL, found 'L'"):
         PlacementSettings.read(str(file))
+
+
+@pytest.mark.parametrize(("z_m", "degrees"), [(2.8, 10.0), (7.0, 30.0), (4.9, 20.0), (1.0, 5.0), (9.0, 35.0)])
+def test_a_sensor_looks_down_as_the_low_ceilings_and_the_papers_do(z_m, degrees):
+    """2.8 m: 10 degrees (avp_low_ceiling.yaml), 7 m: 30 (the paper), a straight line through both, within 5 to 35."""
+    assert np.degrees(pitch_by_height(z_m)) == pytest.approx(degrees)

@@ -116,6 +116,18 @@ def test_every_class_is_divided_by_its_own_positives():
         torch.testing.assert_close(terms[0][key], terms[1][key] + terms[2][key])
 
 
+def test_an_error_of_the_heading_counts_by_the_weight_of_its_class():
+    """Smooth L1 with beta 1 / 9 is 4.5 x^2 below it; x is the sine of the error times the weight: 1 for cars, 0.1."""
+    head = make()
+    out = perfect_outputs(head, GT)
+    labels, _ = head.assign_targets(GT)
+    for number, weight in ((1, 1.0), (2, 0.1)):
+        codes = out["box_preds"].clone()
+        codes[..., 6] += 0.05 * (labels == number)
+        terms = head.get_loss(out | {"box_preds": codes})[1]
+        assert float(terms["rpn_loss_loc"]) == pytest.approx(2.0 * 4.5 * (weight * math.sin(0.05)) ** 2, rel=1e-3)
+
+
 def test_repeating_a_sample_changes_no_term():
     head = make()
     out = {"cls_preds": torch.randn(1, 576, 2), "box_preds": torch.randn(1, 576, 7)}
