@@ -42,6 +42,19 @@ def test_bootstrap_interval_covers_the_difference_of_two_equal_detectors(make_se
     assert covered >= 25  # 28.5 expected; fewer than 25 has probability 1 %
 
 
+def test_the_interval_is_that_of_a_coin_thrown_forty_times():
+    """40 scenes of one car each, found in 20 of them: a draw's AP is 100 / 40 times a binomial number (40, 1/2), whose
+    2.5 and 97.5 % points are 14 and 26 (and 15 and 25 those of a 90 % interval)."""
+    box = np.array([[10.0, 0.0, 0.8, 4.5, 1.9, 1.6, 0.0]])
+    truths = [GroundTruth(f"{i}/0", box, np.array(["Car"]), np.array([0])) for i in range(40)]
+    found = [Detections(f"{i}/0", box, np.array(["Car"]), np.ones(1)) for i in range(40)]
+    nothing = [d.select(np.zeros(1, bool)) for d in found]
+    half = [f if i % 2 else n for i, (f, n) in enumerate(zip(found, nothing, strict=True))]
+    settings = {"name": "Car", "min_overlap": 0.7, "region": REGIONS[1], "draws": 4000}
+    gain = bootstrap_gain(truths, nothing, half, **settings, rng=np.random.default_rng(0))
+    assert (gain.low, gain.points, gain.high) == pytest.approx((35.0, 50.0, 65.0))
+
+
 def test_bootstrap_without_objects_says_so():
     truth = GroundTruth.from_labels("a/1", Labels.empty())
     none = Detections("a/1", np.zeros((0, 7)), np.zeros(0, str), np.zeros(0))
