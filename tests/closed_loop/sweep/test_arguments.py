@@ -47,6 +47,23 @@ def test_no_combination_at_all_is_refused(sweep):
         sweep("--perception", "los", "--combos", ",")
 
 
+@pytest.mark.parametrize(
+    ("fault", "idle", "works"),
+    [
+        ("link_cut", "C+none,CL+none", "C+none,C+C"),
+        ("phantom", "CL+none", "CL+C"),
+        ("dead_infra_lidar", "C+none,CL+C", "CL+CL"),
+        ("dead_ego_lidar", "C+CL", "CL+none"),
+        ("late_200ms", "C+none", "C+CL"),
+    ],
+)
+def test_a_fault_that_changes_nothing_for_any_combination_is_refused(sweep, fault, idle, works):
+    words = ("--perception", f"los@{fault}", "--combos")
+    assert sweep(*words, works).perception == f"los@{fault}"
+    with pytest.raises(ConfigError, match=rf"--fault {fault}: expected a combination with .* changes nothing"):
+        sweep(*words, idle)
+
+
 def test_a_plan_without_a_roadside_unit_serves_no_combination_that_has_one(sweep, tmp_path):
     text = Path("cfgs/plans/low_deck.yaml").read_text()
     bare = tmp_path / "bare.yaml"
