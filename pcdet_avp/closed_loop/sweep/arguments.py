@@ -69,7 +69,7 @@ def sweep_of(args: argparse.Namespace, loop_file: Path) -> Sweep:
         scenario=scenario.name,
         perception=perception.name,
         combos=combos,
-        speeds=tuple(dict.fromkeys(args.speeds)),
+        speeds=tuple(dict.fromkeys(float(f"{speed:.12g}") for speed in args.speeds)),  # as files' names have them
         trials=args.trials or TRIALS,
         seed=args.seed,
         perceiver=perceiver,

@@ -30,7 +30,9 @@ def sweep(arguments):
 
 
 def test_combinations_and_speeds_count_once_and_may_have_spaces(sweep):
-    asked = sweep("--perception", "los", "--combos", "C+CL, C+none,C+CL ,", "--speeds", "5", "3", "5.0")
+    asked = sweep(
+        "--perception", "los", "--combos", "C+CL, C+none,C+CL ,", "--speeds", "5", "3", "5.0", "5.00000000000001"
+    )
     assert asked.combos == ("C+CL", "C+none")
     assert asked.speeds == (5.0, 3.0)
     assert len(sweep("--perception", "los", "--combos", " all").combos) == 6
