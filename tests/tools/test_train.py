@@ -102,9 +102,7 @@ def test_pretrained_weights_start_a_run_of_their_own(call, trained, tmp_path):
 
 @pytest.mark.parametrize("option", ["--ckpt", "--pretrained_model"])
 def test_a_misspelt_file_leaves_no_run_behind(option, call, tmp_path):
-    with pytest.raises(
-        CheckpointError, match=r"cp_smal\.pth: cannot read .*near ones: weights/cp_small"
-    ):
+    with pytest.raises(CheckpointError, match=r"cp_smal\.pth: cannot read .*near ones: weights/cp_small"):
         call(tmp_path, "train", option, "weights/cp_smal.pth", "--extra_tag", "mistyped")
     assert not list(tmp_path.iterdir())
 
