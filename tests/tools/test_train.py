@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import runpy
 import shutil
 import subprocess
@@ -69,6 +70,12 @@ def test_more_epochs_go_on_from_where_it_ended(workplace, call):
     call(folder, "train", "--epochs", 3, "--no_eval")
     assert "going on from" in _log(run)
     assert read_checkpoint(run / "ckpt" / "checkpoint_epoch_3.pth")["it"] == 6
+
+
+def test_a_run_that_goes_on_says_that_pretrained_weights_were_for_its_start(workplace, call, trained):
+    folder, run = workplace
+    call(folder, "train", "--epochs", 2, "--no_eval", "--pretrained_model", trained / "ckpt" / "checkpoint_epoch_1.pth")
+    assert re.search(rf"going on from .*{LAST}, whose weights take the place of --pretrained_model's: iter", _log(run))
 
 
 def test_a_truncated_checkpoint_is_named_and_kept_and_the_one_before_used(workplace, call, trained):

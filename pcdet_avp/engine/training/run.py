@@ -162,7 +162,8 @@ def resume(trainer: Trainer, cfg: Mapping, folder: RunFolder, options: TrainOpti
         logger.warning(f"{path}: {changed}")
     if options.ckpt:
         _warn_of_later(trainer, folder, logger)
-    logger.info(f"going on from {path}: iteration {trainer.iteration} of {trainer.schedule.total}")
+    start = ", whose weights take the place of --pretrained_model's" if options.pretrained_model else ""
+    logger.info(f"going on from {path}{start}: iteration {trainer.iteration} of {trainer.schedule.total}")
 
 
 def _warn_of_later(trainer: Trainer, folder: RunFolder, logger: logging.Logger) -> None:
