@@ -53,7 +53,7 @@ class Episode:
         self.scenario, self.settings = scenario, EpisodeSettings() if settings is None else settings
         for value, kind in ((scenario, Scenario), (sensor_set, SensorSet), (self.settings, EpisodeSettings)):
             if not isinstance(value, kind):
-                raise ConfigError(f"episode: expected a {kind.__name__}, found {value!r}")
+                raise ConfigError(f"episode: expected {kind.__name__}, found {value!r}")
         self.state = LongitudinalState(scenario.ego_start_x, scenario.cruising_mps)
         self._perceiver, self._sensor_set = perceiver, sensor_set
         self._world, self._tick = scenario.world(), 0

@@ -208,9 +208,9 @@ def test_wrong_settings_name_the_key(cfg, named):
     ("wrong", "message"),
     [
         ({"perceiver": Oracle}, "perceiver: expected an object with begin and perceive"),
-        ({"sensor_set": "CL+CL"}, "expected a SensorSet, found 'CL\\+CL'"),
-        ({"settings": {}}, "expected a EpisodeSettings, found {}"),
-        ({"scenario": "t_junction"}, "expected a Scenario, found 't_junction'"),
+        ({"sensor_set": "CL+CL"}, "expected SensorSet, found 'CL\\+CL'"),
+        ({"settings": {}}, "expected EpisodeSettings, found {}"),
+        ({"scenario": "t_junction"}, "expected Scenario, found 't_junction'"),
     ],
 )
 def test_what_an_episode_is_made_of_is_checked_before_it_begins(wrong, message, scenes):
