@@ -152,7 +152,8 @@ def send(half: Roadside, frames: list[tuple[dict, Frame]], sender: Sender, repor
             with report.times("send"):
                 sender.send([payload for payloads in sent.values() for payload in payloads])
         report.tick(number)
-        time.sleep(max(0.0, (int(now_s * args.rate) + 1) / args.rate - time.time()))
+        next_s = min((int(now_s * args.rate) + 1) / args.rate, until_s)
+        time.sleep(max(0.0, next_s - time.time()))
     sender.check_heard()
 
 

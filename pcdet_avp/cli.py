@@ -15,6 +15,7 @@ from pcdet_avp.argument_types import Parser, path_text
 from pcdet_avp.config import apply_overrides, ignoring, load_config
 from pcdet_avp.config_check import check_values
 from pcdet_avp.errors import AvpError
+from pcdet_avp.files import remove_empty_folders
 
 # torch's threads spin while they wait for one another. On cores that they share with processes that load data, or
 # with anyone else, that makes training five times slower. To be woken for every operation costs a frame's inference
@@ -67,10 +68,11 @@ def load_arguments_config(args: argparse.Namespace) -> EasyDict:
 
 
 def run_tool(main: Callable[[], None]) -> None:
-    """Run a tool; a wrong input ends in one line and exit status 2, Ctrl-C in 130."""
+    """Run a tool; a wrong input ends in one line and exit status 2, and leaves no empty folder; Ctrl-C ends in 130."""
     try:
         main()
     except AvpError as error:
+        remove_empty_folders()
         print(f"error: {error}", file=sys.stderr)
         sys.exit(EXIT_BAD_INPUT)
     except (KeyboardInterrupt, SystemError) as error:

@@ -16,6 +16,8 @@ def find_entry(table: Mapping[str, Entry], name: str, what: str) -> Entry:
 
     ``what`` says what the table holds, for the message. ConfigError for an unknown module or name.
     """
+    if not isinstance(name, str):
+        raise ConfigError(f"{what}: expected a name, found {name!r}")
     module, _, short = name.rpartition(":")
     if module:
         _import(module, name, what)

@@ -15,11 +15,31 @@ from typing import Any
 
 from pcdet_avp.errors import AvpError, OutputError
 
+_made: list[Path] = []  # folders that this process made, the outer ones first
+
+
+def mkdir(folder: Path) -> None:
+    """Make a folder and its parents, if they do not exist; OSError as ``Path.mkdir``.
+
+    ``remove_empty_folders`` knows those that were made.
+    """
+    folder = Path(os.path.abspath(folder))
+    missing = [each for each in (folder, *folder.parents) if not each.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    _made.extend(reversed(missing))
+
+
+def remove_empty_folders() -> None:
+    """Remove the folders that this process made and left empty; for a tool that ends in an error."""
+    while _made:
+        with suppress(OSError):
+            _made.pop().rmdir()
+
 
 def make_folder(folder: Path) -> None:
     """Make a folder and its parents, if they do not exist."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        mkdir(folder)
     except OSError as error:
         raise OutputError(f"{folder}: cannot make this folder ({error.strerror})") from error
 
@@ -48,7 +68,7 @@ def replacing(
     """
     aside = aside or path.with_name(f"{path.name}.{os.getpid()}.tmp")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        mkdir(path.parent)
         yield aside
         if sync:
             _sync(aside)

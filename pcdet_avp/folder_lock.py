@@ -11,6 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from pcdet_avp.errors import RecordError
+from pcdet_avp.files import mkdir
 
 try:
     import fcntl
@@ -42,7 +43,7 @@ def sole_user(root: Path) -> Iterator[None]:
     """
     file = root / LOCK_FILE
     try:
-        root.mkdir(parents=True, exist_ok=True)
+        mkdir(root)
         handle = _locked(file)
     except OSError as error:
         raise RecordError(f"{file}: cannot be written ({error.strerror})") from error

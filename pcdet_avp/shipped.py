@@ -24,6 +24,8 @@ def find_config(path: str | os.PathLike) -> Path:
 
     ConfigError where neither exists; it names both places and files with names like this.
     """
+    if not isinstance(path, str | os.PathLike):
+        raise ConfigError(f"configuration: expected the path of a file, found {path!r:.80}")
     found = find(path)
     if found is None:
         raise ConfigError(f"{path}: {not_found(path)}")

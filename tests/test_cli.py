@@ -4,6 +4,7 @@ import pytest
 
 from pcdet_avp.cli import run_tool
 from pcdet_avp.errors import ConfigError
+from pcdet_avp.files import check_writable, make_folder, write_text
 
 
 def raising(error, cause=None):
@@ -35,3 +36,18 @@ def test_wrong_input_is_one_line(capsys):
         run_tool(raising(ConfigError("a: expected 1, found 2")))
     assert end.value.code == 2
     assert capsys.readouterr().err == "error: a: expected 1, found 2\n"
+
+
+def test_an_error_leaves_no_empty_folder_behind_and_removes_nothing_else(tmp_path):
+    """A mistyped tag: the folders made for its results go, those of others and those with a file stay."""
+    (tmp_path / "output" / "theirs").mkdir(parents=True)
+
+    def main():
+        make_folder(tmp_path / "output" / "mistyped" / "ckpt")
+        check_writable(tmp_path / "output" / "results" / "a.json")
+        write_text(tmp_path / "output" / "begun" / "log", "1 frame")
+        raise ConfigError("no checkpoint")
+
+    with pytest.raises(SystemExit):
+        run_tool(main)
+    assert sorted(path.name for path in (tmp_path / "output").iterdir()) == ["begun", "theirs"]

@@ -16,7 +16,8 @@ from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
 from pcdet_avp.closed_loop.measurements import Measurements
 from pcdet_avp.closed_loop.measures.motions import EgoMotion
 from pcdet_avp.closed_loop.measures.safety_measures import SafetyMeasures, safety_measures
-from pcdet_avp.closed_loop.perception.perceiver import Message, Perceived, Perceiver
+from pcdet_avp.closed_loop.perception.perceiver import Message, Perceived, Perceiver, check_perceiver
+from pcdet_avp.errors import ConfigError
 from pcdet_avp.sim.actors import stands
 from pcdet_avp.sim.dynamics import Drive, LongitudinalState, drive
 from pcdet_avp.sim.scenarios.scenario import Scenario
@@ -47,7 +48,12 @@ class Episode:
     def __init__(
         self, scenario: Scenario, perceiver: Perceiver, sensor_set: SensorSet, settings: EpisodeSettings | None = None
     ) -> None:
-        self.scenario, self.settings = scenario, settings or EpisodeSettings()
+        """ConfigError where one of them is none, such as a combination's name instead of its ``SensorSet``."""
+        check_perceiver(perceiver)
+        self.scenario, self.settings = scenario, EpisodeSettings() if settings is None else settings
+        for value, kind in ((scenario, Scenario), (sensor_set, SensorSet), (self.settings, EpisodeSettings)):
+            if not isinstance(value, kind):
+                raise ConfigError(f"episode: expected {kind.__name__}, found {value!r}")
         self.state = LongitudinalState(scenario.ego_start_x, scenario.cruising_mps)
         self._perceiver, self._sensor_set = perceiver, sensor_set
         self._world, self._tick = scenario.world(), 0

@@ -6,13 +6,21 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-
 from pcdet_avp.config_fields import fields_from
+from pcdet_avp.config_rules import COUNT_FROM_0, FLAG, FROM_0, POSITIVE
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.sim.dynamics import LongitudinalModel
 
 MAX_TICK_S = 1.0  # beyond, who crosses the way in a tick is nowhere met
+RULES = {
+    "tick_s": POSITIVE,
+    "lag_ticks": COUNT_FROM_0,
+    "hold_ticks": COUNT_FROM_0,
+    "wake_m": FROM_0,
+    "time_limit_s": POSITIVE,
+    "from_bumper": FLAG,
+    "keep_perceived": FLAG,
+}
 
 
 @dataclass(frozen=True)
@@ -29,16 +37,15 @@ class EpisodeSettings:
     dynamics: LongitudinalModel = field(default_factory=LongitudinalModel)
 
     def __post_init__(self) -> None:
-        for name in ("tick_s", "time_limit_s"):
-            if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):
-                raise ConfigError(f"CLOSED_LOOP.{name.upper()}: expected more than 0, found {getattr(self, name)}")
+        for name, rule in RULES.items():
+            if not rule.allows(getattr(self, name)):
+                raise ConfigError(
+                    f"CLOSED_LOOP.{name.upper()}: expected {rule.expected}, found {getattr(self, name)!r}"
+                )
         if self.tick_s > MAX_TICK_S:
             raise ConfigError(f"CLOSED_LOOP.TICK_S: expected at most {MAX_TICK_S:g} s, found {self.tick_s:g}")
-        if not (np.isfinite(self.wake_m) and self.wake_m >= 0):
-            raise ConfigError(f"CLOSED_LOOP.WAKE_M: expected 0 or more, found {self.wake_m}")
-        for name in ("lag_ticks", "hold_ticks"):
-            if not isinstance(getattr(self, name), int) or getattr(self, name) < 0:
-                raise ConfigError(f"CLOSED_LOOP.{name.upper()}: expected 0 or more ticks, found {getattr(self, name)}")
+        if not isinstance(self.dynamics, LongitudinalModel):
+            raise ConfigError(f"CLOSED_LOOP.DYNAMICS: expected a LongitudinalModel, found {self.dynamics!r}")
 
     @classmethod
     def from_config(cls, cfg: Mapping[str, Any]) -> EpisodeSettings:

@@ -8,6 +8,7 @@ The world, the dynamics, the perception and what counts as a crash are those of 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, ClassVar
 
@@ -22,7 +23,7 @@ except ModuleNotFoundError as missing:
 from pcdet_avp.closed_loop.episode import Episode
 from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
 from pcdet_avp.closed_loop.perception.oracle import Oracle
-from pcdet_avp.closed_loop.perception.perceiver import Perceived, Perceiver, PerceiverSettings
+from pcdet_avp.closed_loop.perception.perceiver import Perceived, Perceiver, PerceiverSettings, check_perceiver
 from pcdet_avp.closed_loop.video.plan_view import PlanView
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.sim.scenarios.table import SCENARIOS, find_scenario
@@ -63,13 +64,16 @@ class AvpEnv(gymnasium.Env):
             raise ConfigError(f"render_mode: expected None or 'rgb_array', found {render_mode!r}")
         self._kind, self._cruising_mps, self._combo = find_scenario(scenario), cruising_mps, SensorSet.parse(combo)
         self._kind.scenario(0, 0, cruising_mps)  # a wrong speed shows now
-        self._perceiver = perceiver or Oracle(PerceiverSettings(PAPER_RANGE))
+        self._perceiver = Oracle(PerceiverSettings(PAPER_RANGE)) if perceiver is None else perceiver
+        check_perceiver(self._perceiver)
+        if not isinstance(settings, EpisodeSettings | None):
+            raise ConfigError(f"settings: expected EpisodeSettings or None, found {settings!r}")
         self._settings = replace(settings or EpisodeSettings(), keep_perceived=True)
         self._episode: Episode | None = None
         self._view: PlanView | None = None
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": round(1 / self._settings.tick_s)}
-        self.action_space = spaces.Box(0.0, cruising_mps, (1,), np.float32)
+        self.action_space = spaces.Box(0.0, float(cruising_mps), (1,), np.float32)
         self.observation_space = spaces.Dict(
             speed=spaces.Box(0.0, FAST_MPS, (1,), np.float32),
             distance=spaces.Box(-FAR_M, FAR_M, (1,), np.float32),
@@ -144,7 +148,9 @@ def _checked_action(action: Any) -> float:
 
 
 def _checked_options(options: dict[str, Any] | None) -> dict[str, int]:
-    """ConfigError for an option that ``reset`` does not know, or that is no whole number from 0 on."""
+    """ConfigError for what is no mapping, for an option that ``reset`` does not know, or that is no whole number."""
+    if not isinstance(options, Mapping | None):
+        raise ConfigError(f"reset: options: expected a mapping of {', '.join(OPTIONS)}, found {options!r}")
     for name, value in (options or {}).items():
         if name not in OPTIONS:
             raise ConfigError(f"reset: unknown option {name!r}; known: {', '.join(OPTIONS)}")

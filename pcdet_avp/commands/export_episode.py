@@ -73,12 +73,12 @@ def main() -> None:
     sweep = sweep_of(belongs_to, Path("cfgs", "closed_loop.yaml"))
     case = Case(sweep.scenario, *sweep.rows[0], args.speed, args.trial)
     stem = episode_stem(case) + (f"_seed{sweep.seed}" if sweep.seed else "")
-    claims = claimed(args.out / CLAIM, stem, sweep)
+    claimed(args.out / CLAIM, stem, sweep)
     check_writable(args.out / CLAIM)
     driver, alone = CaseDriver(sweep), vehicle_alone(case) if "html" in args.formats else None
     drives = [driver.drive(each) for each in tqdm([case, alone] if alone else [case], desc="driving", unit="drive")]
     print(f"{drives[0].record.title}: {drives[0].record.ending()}")
-    write_json(args.out / CLAIM, claims)
+    write_json(args.out / CLAIM, claimed(args.out / CLAIM, stem, sweep))  # anew: another process may have added some
     for each in formats:
         for file in each.write(drives, args.out / stem, ExportSettings(args.every, args.width)):
             print(f"wrote {file}")
@@ -86,7 +86,7 @@ def main() -> None:
 
 def claimed(file: Path, stem: str, sweep: Sweep) -> dict[str, Any]:
     """What the folder's episodes were driven from, this one's name among them; RecordError where files of that name
-    come from other settings, which their name does not tell."""
+    come from other settings, which their name does not tell. A claim without a file, of a run that failed, is none."""
     try:
         held = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
         held = {str(name): dict(settings) for name, settings in held.items()}
@@ -95,10 +95,14 @@ def claimed(file: Path, stem: str, sweep: Sweep) -> dict[str, Any]:
     settings = {"closed_loop": sweep.closed_loop, "perception": sweep.identity[sweep.perception]}
     settings["plan"] = sweep.identity.get(sweep.scenario)
     own = json.loads(json.dumps(settings))
-    for name, value in held.get(stem, own).items():
+    for name, value in (held.get(stem, own) if _has_files(file.parent, stem) else own).items():
         if own.get(name) != value:
             raise RecordError(f"{file}: holds {stem} with another {name}; choose another --out or remove its files")
     return {**held, stem: own}
+
+
+def _has_files(folder: Path, stem: str) -> bool:
+    return folder.is_dir() and any(each.name.startswith(f"{stem}.") for each in folder.iterdir() if each.is_file())
 
 
 def as_sweep(args: argparse.Namespace) -> argparse.Namespace:

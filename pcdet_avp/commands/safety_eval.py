@@ -20,6 +20,7 @@ from pcdet_avp.closed_loop.certify.arguments import (
     check_certificate_arguments,
 )
 from pcdet_avp.closed_loop.certify.certificate import CERTIFICATE, certificate, counted, page, write_certificate
+from pcdet_avp.closed_loop.certify.rate_tests import MOST_RUNS
 from pcdet_avp.closed_loop.certify.run import run_certification
 from pcdet_avp.closed_loop.export.drive import CaseDriver
 from pcdet_avp.closed_loop.export.sweep_page import write_sweep_page
@@ -32,6 +33,7 @@ from pcdet_avp.closed_loop.sweep.arguments import known_trials, sweep_meta, swee
 from pcdet_avp.closed_loop.sweep.summary import crash_text, summary, write_results
 from pcdet_avp.closed_loop.sweep.sweep import Sweep, run_sweep
 from pcdet_avp.closed_loop.sweep.training_garages import sentence
+from pcdet_avp.errors import ConfigError
 from pcdet_avp.runtime_arguments import add_runtime_arguments
 from pcdet_avp.sim.scenarios.table import ON_PLAN, SCENARIOS, file_name
 
@@ -63,6 +65,8 @@ def parse_arguments() -> argparse.Namespace:
     add_link_arguments(parser)
     args = parser.parse_args()
     check_certificate_arguments(args)
+    if args.trials and args.trials > MOST_RUNS:
+        raise ConfigError(f"--trials: expected {MOST_RUNS:,} or fewer, found {args.trials}")
     if args.fault:
         args.perception += f"{MARK}{args.fault}"
     return args

@@ -28,6 +28,7 @@ from pcdet_avp.errors import ConfigError
 from pcdet_avp.folder_lock import sole_user
 from pcdet_avp.generate import generate
 from pcdet_avp.models import detects_objects
+from pcdet_avp.shipped import find_checkpoint
 from pcdet_avp.structures.sensor_set import SENSOR_SETS
 
 NEARLY_THE_SAME = 0.85  # likeness of two names (difflib) from which on one is taken for a misspelling of the other
@@ -73,6 +74,8 @@ def parse_arguments() -> argparse.Namespace:
     args = parser.parse_args()
     if args.ckpt and args.pretrained_model:  # its weights would be those of --ckpt
         raise ConfigError("--ckpt and --pretrained_model: give one of them")
+    for file in (*([args.ckpt] if args.ckpt else ()), *args.pretrained_model):
+        find_checkpoint(file)  # raises where there is none
     return args
 
 

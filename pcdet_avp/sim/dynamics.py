@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
+from pcdet_avp.config_rules import FLAG, POSITIVE
 from pcdet_avp.errors import ConfigError
 
 
@@ -31,8 +32,9 @@ class LongitudinalModel:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if not np.isfinite(value) or (value <= 0 and name != "literal_law"):
-                raise ConfigError(f"dynamics: {name} must be positive, found {value}")
+            rule = FLAG if name == "literal_law" else POSITIVE
+            if not rule.allows(value):
+                raise ConfigError(f"dynamics: {name}: expected {rule.expected}, found {value!r}")
 
 
 @dataclass(frozen=True)

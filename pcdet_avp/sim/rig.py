@@ -93,14 +93,15 @@ class Rig:
 
     def check_in(self, world: World, sources: Collection[str]) -> None:
         """ConfigError on a plan's floor that has no unit, where ``sources`` name any of the roadside's; there for
-        ``units``, which stand in drawn garages; and where one of ``sources`` hangs above the ceiling."""
+        ``units``, which stand in drawn garages; and where one of ``sources`` hangs above the ceiling or not above the
+        floor."""
         if isinstance(world.layout, FloorLayout):
             self._check_on(world.layout.floor.name, world.unit, sources)
         for placed in self.placed_in(world):
             for source, z_m in placed.heights().items():
-                if source in sources and z_m >= world.layout.ceiling_m:
-                    below = f"expected less than the ceiling's {world.layout.ceiling_m:.3g} m"
-                    raise ConfigError(f"DATA_CONFIG.SENSORS: {source}: {below}, found a height of {z_m:g} m")
+                if source in sources and not 0 < z_m < world.layout.ceiling_m:
+                    between = f"expected more than 0 and less than the ceiling's {world.layout.ceiling_m:.3g} m"
+                    raise ConfigError(f"DATA_CONFIG.SENSORS: {source}: {between}, found a height of {z_m:g} m")
 
     def _check_on(self, floor: str, unit: MountedUnit | None, sources: Collection[str]) -> None:
         where = f"the plan's floor {floor!r}"

@@ -37,7 +37,7 @@ class SensorSet:
     @classmethod
     def parse(cls, name: str) -> SensorSet:
         """``"C+CL"`` -> vehicle camera, roadside camera and LiDAR."""
-        if name not in SENSOR_SETS:
+        if not isinstance(name, str) or name not in SENSOR_SETS:
             raise SensorError(f"unknown sensor combination {name!r}; known: {', '.join(SENSOR_SETS)}")
         return SENSOR_SETS[name]
 

@@ -12,8 +12,10 @@ import numpy as np
 from pcdet_avp.errors import ConfigError, OutputError
 from pcdet_avp.files import make_folder, replacing, write_bytes
 
-# The first that this OpenCV can write is taken: VP9 plays in browsers, the others in desktop players.
+# The first with the file's ending that this OpenCV can write is taken: VP9 plays in browsers, the others in desktop
+# players.
 CODECS = (("vp09", ".mp4"), ("mp4v", ".mp4"), ("MJPG", ".avi"))
+ENDINGS = (".mp4", ".avi")
 
 
 def write_picture(file: Path, image: np.ndarray) -> None:
@@ -33,12 +35,21 @@ def read_picture(file: Path) -> np.ndarray:
     return image[..., ::-1]
 
 
+def check_video_name(file: Path) -> None:
+    """ConfigError for a name whose ending is no container's that ``write_video`` knows, such as .gif."""
+    if file.suffix.lower() not in ENDINGS:
+        raise ConfigError(
+            f"{file}: expected a video's name, *{' or *'.join(ENDINGS)}, found the ending {file.suffix!r}"
+        )
+
+
 def write_video(file: Path, images: Iterable[np.ndarray], fps: float) -> Path:
     """Save images (H, W, 3) uint8 RGB, all of one size, as a video.
 
     Returns its path: that of ``file``, with another ending if only another container can be written. OutputError if
-    there are no images, or the file cannot be written.
+    there are no images, or the file cannot be written; ConfigError for a name that is no video's.
     """
+    check_video_name(file)
     images = iter(images)
     first = next(images, None)
     if first is None:
@@ -53,7 +64,7 @@ def write_video(file: Path, images: Iterable[np.ndarray], fps: float) -> Path:
 
 def _open(file: Path, fps: float, size: tuple[int, int]) -> tuple[cv2.VideoWriter, Path]:
     make_folder(file.parent)
-    for codec, ending in CODECS:
+    for codec, ending in sorted(CODECS, key=lambda known: known[1] != file.suffix.lower()):
         target = file.with_suffix(ending)
         writer = cv2.VideoWriter(str(_aside(target)), cv2.VideoWriter_fourcc(*codec), fps, size)
         if writer.isOpened():

@@ -200,11 +200,31 @@ class TestGauges:
         ({"TICK_S": 0}, "TICK_S"),
         ({"TICK_S": 100.0}, "TICK_S: expected at most 1 s, found 100"),
         ({"LAG_TICKS": -1}, "LAG"),
+        ({"LAG_TICKS": True}, "LAG_TICKS: expected a whole number"),
+        ({"TICK_S": None}, "TICK_S: expected a number above 0, found None"),
+        ({"FROM_BUMPER": "no"}, "FROM_BUMPER: expected true or false"),
+        ({"DYNAMICS": None}, "DYNAMICS: expected a section"),
+        ({"DYNAMICS": {"LAG_S": "0.1"}}, "lag_s: expected a number above 0"),
     ],
 )
 def test_wrong_settings_name_the_key(cfg, named):
     with pytest.raises(ConfigError, match=named):
         EpisodeSettings.from_config(cfg)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"perceiver": Oracle}, "perceiver: expected an object with begin and perceive"),
+        ({"sensor_set": "CL+CL"}, "expected SensorSet, found 'CL\\+CL'"),
+        ({"settings": {}}, "expected EpisodeSettings, found {}"),
+        ({"scenario": "t_junction"}, "expected Scenario, found 't_junction'"),
+    ],
+)
+def test_what_an_episode_is_made_of_is_checked_before_it_begins(wrong, message, scenes):
+    parts = {"scenario": scenes.scene(), "perceiver": oracle(), "sensor_set": COMBO, **wrong}
+    with pytest.raises(ConfigError, match=message):
+        run_episode(**parts)
 
 
 @pytest.mark.parametrize(("name", "least"), [("t_junction", 1), ("pedestrian_late", 2)])

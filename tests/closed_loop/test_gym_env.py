@@ -13,7 +13,7 @@ from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
 from pcdet_avp.closed_loop.perception.oracle import Blind, Oracle
 from pcdet_avp.closed_loop.perception.perceiver import PerceiverSettings
 from pcdet_avp.closed_loop.video.episode_picture import BANNERS, EGO_COLOR
-from pcdet_avp.errors import ConfigError
+from pcdet_avp.errors import AvpError, ConfigError
 from pcdet_avp.sim.scenarios.table import SCENARIOS, draw_scenario
 from pcdet_avp.structures.sensor_set import SensorSet
 from pcdet_avp.visualization.palette import TRUE_COLOR
@@ -177,6 +177,29 @@ def test_a_wrong_scenario_or_speed_shows_at_once():
         gym_env.AvpEnv("pedestrian", 0.0)
 
 
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"scenario": None}, "scenario: expected a name, found None"),
+        ({"scenario": ["pedestrian"]}, "scenario: expected a name"),
+        ({"cruising_mps": "8"}, "speed: expected more than 0 m/s, found '8'"),
+        ({"cruising_mps": True}, "speed: expected more than 0 m/s, found True"),
+        ({"combo": ["CL+CL"]}, "unknown sensor combination"),
+        ({"perceiver": "oracle"}, "perceiver: expected an object with begin and perceive .*, found 'oracle'"),
+        ({"perceiver": Oracle}, "perceiver: expected an object .*, found <class"),
+        ({"settings": {"tick_s": 0.1}}, "settings: expected EpisodeSettings or None"),
+        ({"settings": {}}, "settings: expected EpisodeSettings or None"),
+    ],
+)
+def test_an_argument_of_another_type_is_named(wrong, message):
+    with pytest.raises(AvpError, match=message):
+        gym_env.AvpEnv(**wrong)
+
+
+def test_a_speed_of_numpy_is_a_number():
+    assert gym_env.AvpEnv(cruising_mps=np.float32(6)).action_space.high == 6
+
+
 def test_only_the_environment_needs_gymnasium():
     """In an interpreter where it cannot be imported, all but the environment works, and that says what to install."""
     code = """
@@ -224,6 +247,7 @@ def test_an_action_beyond_the_limits_is_the_nearest_within():
         ({"seed": -1}, "seed: expected a whole number"),
         ({"trial": 1.5}, "trial: expected a whole number"),
         ({"trial": True}, "trial: expected a whole number"),
+        ("seed", "options: expected a mapping of seed, trial, found 'seed'"),
     ],
 )
 def test_a_misspelt_or_absurd_option_is_named(options, message):

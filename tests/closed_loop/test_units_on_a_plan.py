@@ -56,9 +56,19 @@ def test_a_sensor_above_the_ceiling_sees_nothing_and_is_refused():
     cfg = deepcopy(CFG)
     cfg.SENSORS.INFRA.CAMERA.Z_M = 50.0
     drive = draw_scenario("pedestrian", 0, 0, 6.0), LineOfSight(PerceiverSettings(cfg))
-    with pytest.raises(ConfigError, match=r"infra_camera: expected less than the ceiling's 7.\d+ m, found .* 50 m"):
+    message = r"infra_camera: expected more than 0 and less than the ceiling's 7.\d+ m, found .* 50 m"
+    with pytest.raises(ConfigError, match=message):
         run_episode(*drive, SensorSet.parse("C+C"))
     assert run_episode(*drive, SensorSet.parse("C+none")).figures.finished
+
+
+@pytest.mark.parametrize("height_m", [-2.0, 0.0])
+def test_a_sensor_below_the_floor_is_refused(height_m):
+    cfg = deepcopy(CFG)
+    cfg.SENSORS.INFRA.LIDAR.Z_M = height_m
+    perceiver = LineOfSight(PerceiverSettings(cfg))
+    with pytest.raises(ConfigError, match=r"infra_lidar: expected more than 0 .* found a height of -?[02] m"):
+        run_episode(draw_scenario("pedestrian", 0, 0, 6.0), perceiver, SensorSet.parse("C+CL"))
 
 
 def test_a_video_is_refused_before_it_is_driven(bare, tmp_path):
@@ -67,6 +77,8 @@ def test_a_video_is_refused_before_it_is_driven(bare, tmp_path):
     for scenario, cfg, message in ((bare, CFG, NO_UNIT), (on_the_deck(), LISTED, IN_A_DRAWN_GARAGE)):
         with pytest.raises(ConfigError, match=message):
             write_episode_video(scenario, oracle, SensorSet.parse("C+C"), cfg, file, "t")
+    with pytest.raises(ConfigError, match=r"drive\.gif: expected a video's name"):
+        write_episode_video(bare, oracle, SensorSet.parse("C+none"), CFG, file.with_suffix(".gif"), "t")
     assert not list(tmp_path.iterdir())
 
 

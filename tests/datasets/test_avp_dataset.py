@@ -52,6 +52,24 @@ def test_it_is_registered_and_built_by_its_name(cfg):
         build_dataset({**cfg, "DATASET": "KittiDataset"}, CLASSES, training=False)
 
 
+def test_a_sample_is_found_as_in_a_list(cfg):
+    """A negative index drew its augmentation from a negative seed; 1.5 was taken for 1."""
+    dataset = AvpDataset(cfg, CLASSES)
+    assert dataset[-1]["frame_id"] == dataset[np.int64(2)]["frame_id"] == "a/2"
+    with pytest.raises(IndexError):
+        dataset[3]
+    for wrong in (1.5, "1", slice(2)):
+        with pytest.raises(TypeError):
+            dataset[wrong]
+
+
+@pytest.mark.parametrize("names", ["Car", ["Car", "Bicycle"]])
+def test_classes_that_the_data_set_lacks_are_not_evaluated(cfg, names):
+    """The text "Car" gave numbers for C, a and r."""
+    with pytest.raises(ConfigError, match="class_names: expected some of Car, Pedestrian, found"):
+        AvpDataset(cfg, CLASSES, training=False).evaluation([], names)
+
+
 def test_the_mode_chooses_the_split_and_a_split_can_be_named(cfg, root):
     assert AvpDataset(cfg, CLASSES).frame_ids == ["a/0", "a/1", "a/2"]
     assert AvpDataset(cfg, CLASSES, training=False).frame_ids == ["c/0", "c/1"]

@@ -5,12 +5,14 @@ import json
 import re
 import sys
 from importlib.util import find_spec
+from types import SimpleNamespace
 
 import pytest
 
 from pcdet_avp.closed_loop.export import formats
 from pcdet_avp.commands import export_episode
 from pcdet_avp.errors import AvpError, ConfigError, OutputError, RecordError
+from pcdet_avp.files import write_json
 
 EPISODE = ("--scenario", "t_junction", "--perception", "blind", "--speed", 8, "--trial", 1)
 
@@ -69,6 +71,33 @@ def test_a_folder_that_cannot_be_made_is_refused_before_anything_is_driven(call,
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError, match="below: cannot make this folder"):
         call("export_episode", *EPISODE, "--out", tmp_path / "file" / "below")
+
+
+def test_only_files_that_lie_there_are_kept_from_other_settings(tmp_path):
+    """An export that failed after its drive leaves a claim and no file: there is nothing to mix up, or to remove."""
+
+    def sweep(tick_s):
+        same = {"perception": "blind", "identity": {"blind": {}}, "scenario": "t_junction"}
+        return SimpleNamespace(closed_loop={"TICK_S": tick_s}, **same)
+
+    file = tmp_path / export_episode.CLAIM
+    write_json(file, export_episode.claimed(file, "a_8_1", sweep(0.05)))
+    (tmp_path / "a_8_11.html").touch()  # another trial's
+    assert export_episode.claimed(file, "a_8_1", sweep(0.1))["a_8_1"]["closed_loop"] == {"TICK_S": 0.1}
+    (tmp_path / "a_8_1.html").touch()
+    with pytest.raises(RecordError, match="holds a_8_1 with another closed_loop"):
+        export_episode.claimed(file, "a_8_1", sweep(0.1))
+
+
+def test_what_another_process_wrote_during_the_drive_stays_in_the_list(call, tmp_path, monkeypatch):
+    class Driver(export_episode.CaseDriver):
+        def drive(self, case):
+            write_json(tmp_path / export_episode.CLAIM, {"theirs": {"plan": None}})
+            return super().drive(case)
+
+    monkeypatch.setattr(export_episode, "CaseDriver", Driver)
+    call("export_episode", *EPISODE)
+    assert set(json.loads((tmp_path / export_episode.CLAIM).read_text())) == {"theirs", "t_junction_blind_any_8_1"}
 
 
 @pytest.mark.slow

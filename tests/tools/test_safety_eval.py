@@ -70,6 +70,7 @@ def test_blind_is_certified_for_no_speed(tool, tmp_path):
         (("--rate", "0.05"), "--rate: belongs to --certify"),
         (("--seed", "1000000"), "--seed"),
         (("--certify", "--trials", "5"), "--trials"),
+        (("--trials", "10000000000"), "--trials: expected 100,000 or fewer"),
         (("--certify", "--search"), "--search"),
         (("--certify", "--rate", "0"), "--rate"),
         (("--certify", "--budget", "99"), "--budget"),

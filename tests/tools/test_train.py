@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import runpy
 import shutil
 import subprocess
@@ -71,6 +72,12 @@ def test_more_epochs_go_on_from_where_it_ended(workplace, call):
     assert read_checkpoint(run / "ckpt" / "checkpoint_epoch_3.pth")["it"] == 6
 
 
+def test_a_run_that_goes_on_says_that_pretrained_weights_were_for_its_start(workplace, call, trained):
+    folder, run = workplace
+    call(folder, "train", "--epochs", 2, "--no_eval", "--pretrained_model", trained / "ckpt" / "checkpoint_epoch_1.pth")
+    assert re.search(rf"going on from .*{LAST}, whose weights take the place of --pretrained_model's: iter", _log(run))
+
+
 def test_a_truncated_checkpoint_is_named_and_kept_and_the_one_before_used(workplace, call, trained):
     folder, run = workplace
     newest = run / "ckpt" / LAST
@@ -98,6 +105,13 @@ def test_pretrained_weights_start_a_run_of_their_own(call, trained, tmp_path):
     assert "loaded" in _log(run)
     content = read_checkpoint(run / "ckpt" / "checkpoint_epoch_1.pth")
     assert content["it"] == 2
+
+
+@pytest.mark.parametrize("option", ["--ckpt", "--pretrained_model"])
+def test_a_misspelt_file_leaves_no_run_behind(option, call, tmp_path):
+    with pytest.raises(CheckpointError, match=r"cp_smal\.pth: cannot read .*near ones: weights/cp_small"):
+        call(tmp_path, "train", option, "weights/cp_smal.pth", "--extra_tag", "mistyped")
+    assert not list(tmp_path.iterdir())
 
 
 def test_missing_data_are_made_first(load_tool, tiny_data, tmp_path, monkeypatch):

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from pcdet_avp.errors import OutputError
+from pcdet_avp.errors import ConfigError, OutputError
 from pcdet_avp.visualization import video
 from pcdet_avp.visualization.video import write_picture, write_video
 
@@ -63,3 +63,15 @@ def test_a_picture_comes_back(tmp_path):
     image = next(frames())
     write_picture(tmp_path / "new" / "a.png", image)
     np.testing.assert_array_equal(cv2.imread(str(tmp_path / "new" / "a.png"))[..., ::-1], image)
+
+
+@pytest.mark.parametrize("name", ["a.gif", "a", "a.mp4.txt"])
+def test_a_name_that_is_no_videos_is_refused(name, tmp_path):
+    with pytest.raises(ConfigError, match=rf"{name}: expected a video's name, \*.mp4 or \*.avi"):
+        write_video(tmp_path / name, frames(), 20)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_video_has_the_container_that_its_name_says(tmp_path):
+    assert write_video(tmp_path / "a.avi", frames(), 20) == tmp_path / "a.avi"
+    assert (tmp_path / "a.avi").read_bytes()[8:12] == b"AVI "

@@ -145,6 +145,8 @@ class Sequential:
 
     def __post_init__(self) -> None:
         _check(self.rate, self.alpha)
+        if self.most_runs is not None and self.most_runs > MOST_RUNS:
+            raise ConfigError(f"--budget: expected {MOST_RUNS:,} runs or fewer, found {self.most_runs}")
         if self.most_runs is not None and self.most_runs < self.clean_runs:
             raise ConfigError(
                 f"--budget: expected {self.clean_runs} runs or more (as many clean ones as --rate {self.rate:g} takes),"

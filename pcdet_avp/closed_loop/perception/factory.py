@@ -76,7 +76,7 @@ def add_perception(kind: PerceptionKind) -> PerceptionKind:
 def find_perception(name: str) -> PerceptionKind:
     """The perception of a name, of ``module:name``, or either with a fault (``los@link_cut``); ConfigError for an
     unknown one."""
-    healthy, mark, fault = name.partition(MARK)
+    healthy, mark, fault = name.partition(MARK) if isinstance(name, str) else (name, "", "")
     kind = find_entry(PERCEPTIONS, healthy, "perception")
     return _with_fault(kind, find_fault(fault)) if mark else kind
 

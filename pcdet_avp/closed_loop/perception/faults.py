@@ -19,7 +19,7 @@ from pcdet_avp.sim.scenarios.scenario import Scenario
 from pcdet_avp.sim.world import World
 from pcdet_avp.structures.boxes import transform_boxes
 from pcdet_avp.structures.ego import BUMPER_X_M
-from pcdet_avp.structures.sensor_set import SOURCES, SensorSet
+from pcdet_avp.structures.sensor_set import INFRA_SOURCES, SOURCES, SensorSet
 
 MARK = "@"  # between a perception's name and its fault's
 FAULT_STREAM = 3  # of an episode's randomness; 0 to 2 are the network perceiver's
@@ -106,6 +106,7 @@ class Fault:
     apply: Callable[[Perceiver], Perceiver]
     meaning: str
     only_for: str | None = None  # the one perception that can have it
+    sources: tuple[str, ...] = INFRA_SOURCES  # it changes something where one of these is used
 
 
 @dataclass(frozen=True)
@@ -123,7 +124,10 @@ SENSOR_NAMES = {
     "infra_lidar": "the roadside's LiDAR",
 }
 _FAULTS = (
-    *(Fault(f"dead_{source}", _Dead(source), f"{SENSOR_NAMES[source]} is dead") for source in SOURCES),
+    *(
+        Fault(f"dead_{source}", _Dead(source), f"{SENSOR_NAMES[source]} is dead", sources=(source,))
+        for source in SOURCES
+    ),
     Fault("link_cut", LinkCut, "the link to the roadside is cut at a random tick"),
     Fault("phantom", Phantom, "the roadside reports a pedestrian who is not there, for 2 s in the ego's lane"),
 )

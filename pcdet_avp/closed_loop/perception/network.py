@@ -25,7 +25,7 @@ from pcdet_avp.datasets.avp.prepare import prepare
 from pcdet_avp.deploy.deployed import BothHalves, Deployed
 from pcdet_avp.deploy.manifest import MANIFEST
 from pcdet_avp.engine.checkpoint import load_model, weights_hash
-from pcdet_avp.errors import CheckpointError, ConfigError, ExportError
+from pcdet_avp.errors import CheckpointError, ConfigError, ExportError, SensorError
 from pcdet_avp.evaluation.inputs import Detections
 from pcdet_avp.models import build_network
 from pcdet_avp.models.export.opened import open_deployed
@@ -64,6 +64,10 @@ class DrivingNetwork:
         The roadside's maps go from encoder to fusion inside one network, compressed but not as packets; ``Onboard``
         is the vehicle that receives packets. Raises SensorError where the frame has none of the sensors.
         """
+        if not isinstance(sensor_set, SensorSet):
+            raise SensorError(
+                f"sensor_set: expected a SensorSet, such as SensorSet.parse('CL+CL'), found {sensor_set!r}"
+            )
         sample = prepare(frame, sensor_set, self.input.prepare_config)
         if self.deployed is not None:
             found = BothHalves(self.deployed).detect_alone(sample)

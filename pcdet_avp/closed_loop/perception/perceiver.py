@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from pcdet_avp.errors import ConfigError
 from pcdet_avp.sim.scenarios.scenario import Scenario
 from pcdet_avp.sim.world import World
 from pcdet_avp.structures.sensor_set import SensorSet
@@ -59,6 +60,13 @@ class Perceiver(Protocol):
     def perceive(self, world: World, tick: int, sensor_set: SensorSet) -> Perceived:
         """What is found in the world as it stands now; ticks grow, but some may be left out while perception sleeps."""
         ...
+
+
+def check_perceiver(perceiver: Any) -> None:
+    """ConfigError for what is no ``Perceiver``, a class instead of an object of it among that."""
+    has = all(callable(getattr(perceiver, method, None)) for method in ("begin", "perceive"))
+    if isinstance(perceiver, type) or not has:
+        raise ConfigError(f"perceiver: expected an object with begin and perceive (see Perceiver), found {perceiver!r}")
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from easydict import EasyDict
 from pcdet_avp import shipped
 from pcdet_avp.closed_loop.episode_settings import EpisodeSettings
 from pcdet_avp.closed_loop.perception.factory import PerceptionKind, find_perception
+from pcdet_avp.closed_loop.perception.faults import MARK, find_fault
 from pcdet_avp.closed_loop.perception.link_options import LinkOptions, given_link_options
 from pcdet_avp.closed_loop.sweep.journal import SENSORS
 from pcdet_avp.closed_loop.sweep.results import IN_TRAINING_GARAGES, MADE_FROM, PERCEPTIONS
@@ -49,13 +50,14 @@ def sweep_of(args: argparse.Namespace, loop_file: Path) -> Sweep:
     if perception.uses_network:
         perceiver |= _network(args, overrides)
     combos = _named_combos(args.combos)
+    _check_fault(perception.name, combos)
     if perception.uses_sensors:
         _check_units_on_plan(scenario.name, cfg.DATA_CONFIG, combos)
     return Sweep(
         scenario=scenario.name,
         perception=perception.name,
         combos=combos,
-        speeds=tuple(dict.fromkeys(args.speeds)),
+        speeds=tuple(dict.fromkeys(float(f"{speed:.12g}") for speed in args.speeds)),  # as files' names have them
         trials=args.trials or TRIALS,
         seed=args.seed,
         perceiver=perceiver,
@@ -98,6 +100,17 @@ def _named_combos(text: str) -> tuple[str, ...]:
     """Names between commas, each once, in their order; ``all``."""
     names = tuple(name.strip() for name in text.split(",") if name.strip())
     return tuple(SENSOR_SETS) if names == ("all",) else tuple(dict.fromkeys(names))
+
+
+def _check_fault(perception: str, combos: tuple[str, ...]) -> None:
+    """ConfigError where a fault changes nothing for any combination: a healthy table would pass for a faulty one."""
+    _, mark, name = perception.partition(MARK)
+    sources = find_fault(name).sources if mark else ()
+    if mark and combos and not any({*SensorSet.parse(combo).sources} & {*sources} for combo in combos):
+        raise ConfigError(
+            f"--fault {name}: expected a combination with {' or '.join(sources)}, found {', '.join(combos)}, for which "
+            "it changes nothing"
+        )
 
 
 def _check_units_on_plan(scenario: str, data_cfg: dict, combos: tuple[str, ...]) -> None:

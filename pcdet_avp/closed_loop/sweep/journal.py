@@ -102,7 +102,7 @@ def open_journal(folder: Path, claim: Mapping[str, Any]) -> Iterator[Journal]:
     """The folder's journal, if what is to run agrees with what it holds (``claim``: name -> what must agree).
 
     RecordError where it does not, or where another process has it open. A run that ends in an error of ours before its
-    first episode, such as for weights of another configuration, leaves the claim as it was.
+    first episode, such as for weights of another configuration, leaves the folder as it was.
     """
     with sole_user(folder):
         journal, file = Journal(folder), folder / CLAIM
@@ -114,6 +114,8 @@ def open_journal(folder: Path, claim: Mapping[str, Any]) -> Iterator[Journal]:
             except AvpError:
                 if len(journal.finished) == count:
                     _restore(file, before)
+                    if before is None and not count:
+                        (folder / JOURNAL).unlink()
                 raise
         finally:
             journal.close()

@@ -33,7 +33,7 @@ from pcdet_avp.structures.pose import Pose
 from pcdet_avp.structures.roadside_unit import mounted_units
 from pcdet_avp.structures.sensor_set import SensorSet
 from pcdet_avp.visualization.time_strip import Curve, TimeStrip
-from pcdet_avp.visualization.video import write_picture, write_video
+from pcdet_avp.visualization.video import check_video_name, write_picture, write_video
 
 LEAD_IN_S = 1.0  # the video starts so long before perception wakes
 HOLD_S = 1.5  # the last picture stays so long
@@ -50,7 +50,7 @@ def write_episode_video(
     settings: EpisodeSettings | None = None,
     every: int = 2,
 ) -> EpisodeLog:
-    """Drive an episode and write it to ``file`` (a video; ``<stem>_poster.jpg`` and
+    """Drive an episode and write it to ``file`` (*.mp4 or *.avi; ``<stem>_poster.jpg`` and
     ``<stem>_stills.jpg`` beside it). Returns the episode's log.
 
     The cameras that are shown come from ``data_cfg["SENSORS"]``. ``title`` says which perception drives. ``every``:
@@ -59,6 +59,7 @@ def write_episode_video(
     """
     if not isinstance(every, int) or every < 1:
         raise ConfigError(f"every: expected a whole number of ticks, 1 or more, found {every!r}")
+    check_video_name(file)
     check_writable(file)
     settings = settings or EpisodeSettings()
     rig = Rig.from_config(data_cfg["SENSORS"], mounted_units(data_cfg.get("ROADSIDE_UNITS")))

@@ -110,6 +110,7 @@ class AvpDataset(torch.utils.data.Dataset):
 
     def __getitem__(self, key: int | tuple[int, str] | tuple[int, str, int]) -> dict:
         index, sensor_set = (key[0], SensorSet.parse(key[1])) if isinstance(key, tuple) else (key, self.sensor_set)
+        index = range(len(self))[index]  # from the end where it is negative; IndexError and TypeError as of a list
         epoch = key[2] if isinstance(key, tuple) and len(key) == 3 else None
         frame = self.read(int(index), sensor_set)
         if self.data_augmentor is not None:
@@ -190,7 +191,10 @@ class AvpDataset(torch.utils.data.Dataset):
 
         ``det_annos`` as from ``generate_prediction_dicts``; every frame of the split must be there. There is one
         metric and nothing is written, so ``eval_metric`` and ``output_path``, which OpenPCDet passes, change nothing.
+        ConfigError for class names that are not the data set's.
         """
+        if isinstance(class_names, str) or not {*class_names} <= {*self.class_names}:
+            raise ConfigError(f"class_names: expected some of {', '.join(self.class_names)}, found {class_names!r}")
         by_frame = {str(annotation["frame_id"]): annotation for annotation in det_annos}
         truths = self.ground_truths()
         detections = [Detections.from_annotation(by_frame[t.frame_id]) for t in truths if t.frame_id in by_frame]

@@ -23,7 +23,7 @@ from pcdet_avp.engine.testing.detect import existing_combos
 from pcdet_avp.engine.testing.pictures import detection_picture
 from pcdet_avp.engine.training.loop import CheckpointSaver, epoch_file, train
 from pcdet_avp.engine.training.monitor import Monitor
-from pcdet_avp.engine.training.run_state import check_config, restore_run
+from pcdet_avp.engine.training.run_state import changed_precision, check_config, restore_run
 from pcdet_avp.engine.training.sampler import BatchPlan, CombinationBatchSampler
 from pcdet_avp.engine.training.time_budget import TimeBudget
 from pcdet_avp.engine.training.trainer import Trainer
@@ -164,9 +164,12 @@ def resume(trainer: Trainer, cfg: Mapping, folder: RunFolder, options: TrainOpti
         logger.warning(complaint)
     check_config(cfg, content.get("config"), str(path))
     restore_run(trainer, content, str(path))
+    if changed := changed_precision(trainer, content):
+        logger.warning(f"{path}: {changed}")
     if options.ckpt:
         _warn_of_later(trainer, folder, logger)
-    logger.info(f"going on from {path}: iteration {trainer.iteration} of {trainer.schedule.total}")
+    start = ", whose weights take the place of --pretrained_model's" if options.pretrained_model else ""
+    logger.info(f"going on from {path}{start}: iteration {trainer.iteration} of {trainer.schedule.total}")
 
 
 def _warn_of_later(trainer: Trainer, folder: RunFolder, logger: logging.Logger) -> None:

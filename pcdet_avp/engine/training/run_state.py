@@ -41,6 +41,7 @@ def run_state(trainer: Trainer) -> dict[str, Any]:
         "model_state": trainer.model.state_dict(),
         "optimizer_state": trainer.optimizer.state_dict(),
         "scaler_state": trainer.scaler.state_dict(),
+        "precision": trainer.precision,
         "schedule": {
             "total": trainer.schedule.total,
             "planned": trainer.planned,
@@ -66,6 +67,14 @@ def restore_run(trainer: Trainer, content: Mapping[str, Any], path: str) -> None
     trainer.iteration, trainer.elapsed_s = content["it"], content["elapsed_s"]
     _restore_schedule(trainer, content["schedule"])
     _restore_random_state(trainer, content["random_states"])
+
+
+def changed_precision(trainer: Trainer, content: Mapping[str, Any]) -> str | None:
+    """A warning where a checkpoint's run computed in another precision; None where it did not, or does not say."""
+    theirs = content.get("precision", trainer.precision)
+    if theirs == trainer.precision:
+        return None
+    return f"trained in {theirs} so far, goes on in {trainer.precision} (--use_amp, OPTIMIZATION.USE_AMP)"
 
 
 def check_config(cfg: Mapping, theirs: Mapping | None, path: str) -> None:

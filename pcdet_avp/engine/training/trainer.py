@@ -57,6 +57,11 @@ class Trainer:
         seed_torch(plan.seed, TRAINING_STREAM, ranks.rank)
 
     @property
+    def precision(self) -> str:
+        """What it computes in: float32, bfloat16 or float16."""
+        return str(self.amp_dtype or torch.float32).removeprefix("torch.")
+
+    @property
     def epoch(self) -> int:
         """Completed passes over the training split."""
         return self.iteration // self.plan.per_epoch

@@ -9,7 +9,8 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from pcdet_avp.errors import SensorError
+from pcdet_avp.config import require
+from pcdet_avp.errors import ConfigError, SensorError
 from pcdet_avp.models.compression.bev_codec import Latent
 from pcdet_avp.models.detectors.build import build_modules
 from pcdet_avp.models.detectors.loadable import LoadableDetector
@@ -54,14 +55,18 @@ class AvpCp(LoadableDetector):
     stages = staticmethod(untimed)
 
     def __init__(self, model_cfg: Any, num_class: int, dataset: Any) -> None:
+        """ConfigError where ``num_class`` is not the number of the data set's classes."""
         super().__init__()
+        if num_class != len(dataset.class_names):
+            names = ", ".join(dataset.class_names)
+            raise ConfigError(f"num_class: expected {len(dataset.class_names)} ({names}), found {num_class!r}")
         self.map_dropout = float(model_cfg.get("ROADSIDE_MAP_DROPOUT", 0.0))
         self.segment_dropout = float(model_cfg.get("ROADSIDE_SEGMENT_DROPOUT", 0.0))
         for name, module in build_modules(model_cfg, num_class, dataset).items():
             self.add_module(name, module)
         settings = RegistrationSettings.from_config(model_cfg)
         self.registration = RegisterMaps(self.warp.grid, settings, self.codec)
-        self.post_processing = PostProcessing(model_cfg["POST_PROCESSING"], dataset.class_names)
+        self.post_processing = PostProcessing(require(model_cfg, "POST_PROCESSING", dict), dataset.class_names)
         self.add_global_step()
         self.meaning = NetworkMeaning.of(model_cfg, dataset)
 

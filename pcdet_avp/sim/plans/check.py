@@ -8,6 +8,7 @@ import numpy as np
 
 from pcdet_avp.sim.plans.floor import Floor, Lane, from_axes
 from pcdet_avp.sim.plans.paths import nearest, offset_path
+from pcdet_avp.structures.roadside_unit import MountedUnit
 from pcdet_avp.structures.rotated_iou import bev_intersection
 
 TOUCH_M2 = 0.05  # shared area that counts as touching
@@ -199,6 +200,15 @@ def _units(floor: Floor) -> Iterator[Problem]:
                 _line(floor, "units", k),
                 f"unit {unit.id!r}: expected a yaw of its mount ({allowed} degrees), {found}",
             )
+        same = next((other for other in floor.units[:k] if _looks_alike(unit, other)), None)
+        if same is not None:
+            yield _line(floor, "units", k), f"unit {unit.id!r} has a sensor where unit {same.id!r} has it, same aim"
+
+
+def _looks_alike(unit: MountedUnit, other: MountedUnit) -> bool:
+    """Whether both have the same sensor at one place, and it looks the same way; a camera beside a LiDAR may."""
+    aims = [(u.x_m, u.y_m, u.z_m, u.yaw_rad, u.pitch_down_rad) for u in (unit, other)]
+    return aims[0] == aims[1] and bool({*unit.sources} & {*other.sources})
 
 
 def _at(slot) -> str:

@@ -6,7 +6,6 @@ the drawing is plain text, so that nothing here imports them.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -14,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pcdet_avp.config_rules import POSITIVE
 from pcdet_avp.errors import ConfigError
 from pcdet_avp.extensions import find_entry
 from pcdet_avp.sim.layouts import GarageConfig
@@ -49,8 +49,8 @@ class ScenarioKind:
         for name, value in (("seed", seed), ("trial", trial)):
             if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 0:
                 raise ConfigError(f"{name}: expected a whole number, 0 or more, found {value!r}")
-        if not (math.isfinite(cruising_mps) and cruising_mps > 0):
-            raise ConfigError(f"speed: expected more than 0 m/s, found {cruising_mps}")
+        if not POSITIVE.allows(cruising_mps):
+            raise ConfigError(f"speed: expected more than 0 m/s, found {cruising_mps!r}")
         return self.draw(self.name, seed, trial, cruising_mps)
 
 
@@ -112,7 +112,7 @@ def add_scenario(kind: ScenarioKind) -> ScenarioKind:
 def find_scenario(name: str) -> ScenarioKind:
     """The scenario of a name, of ``module:name``, or of ``name@PLAN``: on a garage's plan. ConfigError for an unknown
     one."""
-    short, at, plan = name.partition(ON_PLAN)
+    short, at, plan = str(name).partition(ON_PLAN)
     return _on_plan(short, plan) if at else find_entry(SCENARIOS, name, "scenario")
 
 

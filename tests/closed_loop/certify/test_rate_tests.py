@@ -111,6 +111,7 @@ def test_the_sequential_bound_holds_for_whoever_stops_when_it_looks_best():
         (lambda: Sequential(0.05, 1.5), "--alpha"),
         (lambda: FixedNumber(0.05, allowed=-1), "--allowed_crashes"),
         (lambda: Sequential(0.05, most_runs=87), "--budget: expected 88 runs or more"),
+        (lambda: Sequential(0.05, most_runs=10**10), "--budget: expected 100,000 runs or fewer"),
     ],
 )
 def test_impossible_tests_are_refused(make, message):

@@ -65,6 +65,8 @@ def test_detections_are_those_of_a_vehicle_that_received_nothing():
     assert not np.array_equal(alone.scores, driving.detect(frame, SensorSet.parse("CL+CL")).scores)
     with pytest.raises(SensorError, match="a/0"):
         driving.detect(frame, SensorSet.parse("C+none"))
+    with pytest.raises(SensorError, match=r"expected a SensorSet, .*, found 'CL\+CL'"):
+        driving.detect(frame, "CL+CL")
 
 
 def test_without_chosen_thresholds_a_warning_says_so(ckpt, tmp_path, caplog):

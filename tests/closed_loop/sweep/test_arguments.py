@@ -30,7 +30,9 @@ def sweep(arguments):
 
 
 def test_combinations_and_speeds_count_once_and_may_have_spaces(sweep):
-    asked = sweep("--perception", "los", "--combos", "C+CL, C+none,C+CL ,", "--speeds", "5", "3", "5.0")
+    asked = sweep(
+        "--perception", "los", "--combos", "C+CL, C+none,C+CL ,", "--speeds", "5", "3", "5.0", "5.00000000000001"
+    )
     assert asked.combos == ("C+CL", "C+none")
     assert asked.speeds == (5.0, 3.0)
     assert len(sweep("--perception", "los", "--combos", " all").combos) == 6
@@ -45,6 +47,23 @@ def test_other_names_are_refused(sweep, combos):
 def test_no_combination_at_all_is_refused(sweep):
     with pytest.raises(ConfigError, match="at least one speed and one sensor combination"):
         sweep("--perception", "los", "--combos", ",")
+
+
+@pytest.mark.parametrize(
+    ("fault", "idle", "works"),
+    [
+        ("link_cut", "C+none,CL+none", "C+none,C+C"),
+        ("phantom", "CL+none", "CL+C"),
+        ("dead_infra_lidar", "C+none,CL+C", "CL+CL"),
+        ("dead_ego_lidar", "C+CL", "CL+none"),
+        ("late_200ms", "C+none", "C+CL"),
+    ],
+)
+def test_a_fault_that_changes_nothing_for_any_combination_is_refused(sweep, fault, idle, works):
+    words = ("--perception", f"los@{fault}", "--combos")
+    assert sweep(*words, works).perception == f"los@{fault}"
+    with pytest.raises(ConfigError, match=rf"--fault {fault}: expected a combination with .* changes nothing"):
+        sweep(*words, idle)
 
 
 def test_a_plan_without_a_roadside_unit_serves_no_combination_that_has_one(sweep, tmp_path):

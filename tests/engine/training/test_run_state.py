@@ -8,7 +8,7 @@ import torch
 
 from pcdet_avp.config import load_config, plain
 from pcdet_avp.engine import checkpoint
-from pcdet_avp.engine.training.run_state import check_config, restore_run, run_state
+from pcdet_avp.engine.training.run_state import changed_precision, check_config, restore_run, run_state
 from pcdet_avp.errors import CheckpointError
 from pcdet_avp.models.weights.checkpoint_file import read_checkpoint
 
@@ -64,6 +64,16 @@ def test_another_seed_or_batch_size_is_refused(toy, tmp_path):
     content = _reload(toy.make_trainer(seed=3), tmp_path)
     with pytest.raises(CheckpointError, match="that run's seed is 3, this one's is 4"):
         restore_run(toy.make_trainer(seed=4), content, "a.pth")
+
+
+def test_another_precision_is_told_and_an_older_checkpoint_says_nothing(toy, tmp_path):
+    content = _reload(toy.make_trainer(), tmp_path)
+    other = toy.make_trainer()
+    assert changed_precision(other, content) is None
+    other.amp_dtype = torch.bfloat16
+    assert changed_precision(other, content).startswith("trained in float32 so far, goes on in bfloat16 (--use_amp")
+    del content["precision"]
+    assert changed_precision(other, content) is None
 
 
 def test_bare_weights_are_no_run_to_go_on_with(toy):

@@ -2,11 +2,13 @@
 
 import logging
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 import torch
 
-from pcdet_avp.errors import CheckpointError, GeometryError, RegistryError, SensorError
+from pcdet_avp.errors import CheckpointError, ConfigError, GeometryError, RegistryError, SensorError
+from pcdet_avp.models import build_network
 from pcdet_avp.structures.sensor_set import SENSOR_SETS, SOURCES
 
 LOGGER = logging.getLogger("test")
@@ -39,6 +41,13 @@ def test_training_and_evaluation_speak_openpcdets_language(tiny):
     assert recall["gt"] == 4
     network.update_global_step()
     assert network.global_step.item() == 1
+
+
+@pytest.mark.parametrize("count", [0, 1, 3, "2"])
+def test_a_number_of_classes_that_is_not_the_data_sets_is_refused(count):
+    dataset = SimpleNamespace(class_names=["Car", "Pedestrian"])
+    with pytest.raises(ConfigError, match=rf"num_class: expected 2 \(Car, Pedestrian\), found {count!r}"):
+        build_network({"NAME": "AvpCp"}, count, dataset)
 
 
 def depth_losses(terms):

@@ -11,6 +11,7 @@ SIDE = "      - {id: side, start: [20, -20], hdg_deg: 90, geometry: [{line_m: 20
 BAD = {
     "unknown key": ("    pilars: []\n", 8, "pilars: unknown key; near ones: pillars"),
     "wrong type": ("    style: blue\n", 8, "style: expected integer, found 'blue'"),
+    "a float counts nothing": (ROW.replace("count: 3", "count: 3.0"), 9, "count: expected integer, found 3.0"),
     "unknown kind": ("    walls:\n      - {kind: fence, line: [[0, 4], [1, 4]]}\n", 9, "one of wall, parapet, ramp"),
     "missing key": ("    pillars:\n      - {at: [3, 5]}\n", 9, "missing key 'size_m'"),
     "twice": ("    ceiling_m: 2.8\n", 8, "ceiling_m: is given twice"),
@@ -71,6 +72,14 @@ BAD = {
         "      - {id: b, at: [5, 0], height_m: 2.8, on: ceiling, yaw_deg: [180]}\n",
         10,
         "mount 'b' hangs where mount 'a' does",
+    ),
+    "one camera twice": (
+        "    mounts:\n      - {id: m, at: [5, 0], height_m: 2.8, on: ceiling}\n"
+        "    units:\n      - {id: u, mount: m, yaw_deg: 0, pitch_down_deg: 9, sensors: C}\n"
+        "      - {id: v, mount: m, yaw_deg: 0, pitch_down_deg: 9, sensors: L}\n"
+        "      - {id: w, mount: m, yaw_deg: 0, pitch_down_deg: 9, sensors: CL}\n",
+        13,
+        "unit 'w' has a sensor where unit 'u' has it, same aim",
     ),
     "pillar in a slot": (ROW + "    pillars:\n      - {at: [3.2, -5], size_m: 0.5}\n", 11, "stands in slot"),
     "mount in the air": (
