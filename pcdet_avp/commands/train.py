@@ -74,13 +74,13 @@ def parse_arguments() -> argparse.Namespace:
     args = parser.parse_args()
     if args.ckpt and args.pretrained_model:  # its weights would be those of --ckpt
         raise ConfigError("--ckpt and --pretrained_model: give one of them")
-    for file in (*([args.ckpt] if args.ckpt else ()), *args.pretrained_model):
-        find_checkpoint(file)  # raises where there is none
     return args
 
 
 def main() -> None:
     args, started = parse_arguments(), time.time()
+    for file in (*([args.ckpt] if args.ckpt else ()), *args.pretrained_model):
+        find_checkpoint(file)  # raises where there is none, before a folder is made
     cfg = load_arguments_config(args)
     ranks = distributed.start(args.launcher, args.device)
     try:

@@ -62,9 +62,10 @@ LIMITED = {"PRECISION": "int8", "THRESHOLD": "rate", "TARGET_SHARE": 0.9, "MAX_B
 
 
 @pytest.mark.parametrize("constant", [False, True])
-def test_every_map_obeys_the_configured_limit_and_arrives_as_its_longest_cells(constant):
+@pytest.mark.parametrize("precision", ["float16", "int8"])
+def test_every_map_obeys_the_configured_limit(precision, constant):
     torch.manual_seed(0)
-    codec = BevCodec({**LIMITED, "CONSTANT_SIZE": constant}, channels=32).eval()
+    codec = BevCodec({**LIMITED, "PRECISION": precision, "CONSTANT_SIZE": constant}, channels=32).eval()
     latents, wire = _latents(codec, (1, 1)), Wire(codec)
     arrived = wire(latents)
     sizes = [size for of_modality in wire.take_sizes().values() for size in of_modality]
@@ -73,9 +74,14 @@ def test_every_map_obeys_the_configured_limit_and_arrives_as_its_longest_cells(c
     for source, latent in latents.items():
         for sent, known in zip(latent.values, arrived[source].values, strict=True):
             kept = (known != 0).any(0)
-            assert 0 < kept.sum() < (sent != 0).any(0).sum()
-            assert torch.equal(known, torch.where(kept, sent, 0))
-            assert sent.norm(dim=0)[kept].min() >= sent.norm(dim=0)[~kept].max()
+            if precision == "float16":  # the longest cells, as they were
+                assert 0 < kept.sum() < (sent != 0).any(0).sum()
+                assert torch.equal(known, torch.where(kept, sent, 0))
+                assert sent.norm(dim=0)[kept].min() >= sent.norm(dim=0)[~kept].max()
+            else:  # nearly all cells, in steps of 1/4 at most
+                assert kept.sum() >= 0.9 * (sent != 0).any(0).sum()
+                assert (known - sent).abs().amax() <= 0.125
+                assert not torch.equal(known, sent)
         assert arrived[source].received.all()
 
 
