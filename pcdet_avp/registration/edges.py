@@ -40,17 +40,23 @@ def layers(cells: np.ndarray, direction: float, smoothing: float, edge_sigma: fl
     (0: as they are), then their edges along a direction (radians from +x), both of unit length over the whole map."""
     features = smoothed(cells, smoothing) if smoothing else cells
     smooth = features if edge_sigma == smoothing else smoothed(cells, edge_sigma)
-    edges = _bend(smooth, -np.sin(direction), np.cos(direction), 1.0)
+    edges = edges_along(smooth, direction)
     return _side_by_side(features, _to_unit(features), edges, _to_unit(edges))
 
 
-def edges_along(cells: np.ndarray, direction: float, sigma: float) -> np.ndarray:
-    """Edges that run along a direction (radians from +x) in each channel of cells (H, W, r); the same shape, float32.
+def edges_along(smooth: np.ndarray, direction: float) -> np.ndarray:
+    """Edges that run along a direction (radians from +x) in each channel of smoothed cells (H, W, r), float32.
 
-    Minus the second derivative across the direction under a Gaussian of ``sigma`` cells, times sigma squared, so that
-    widths compare.
+    Minus the second derivative across the direction, per cell squared; zero on the border.
     """
-    return _bend(smoothed(cells, sigma), -np.sin(direction), np.cos(direction), sigma * sigma)
+    nx, ny = -np.sin(direction), np.cos(direction)
+    mixed = 0.5 * nx * ny * np.array([[1, 0, -1], [0, 0, 0], [-1, 0, 1]])
+    along = nx * nx * np.array([[0, 0, 0], [1, -2, 1], [0, 0, 0]]) + ny * ny * np.array(
+        [[0, 1, 0], [0, -2, 0], [0, 1, 0]]
+    )
+    out = cv2.filter2D(smooth, -1, -(along + mixed)).reshape(smooth.shape)
+    out[[0, -1]] = out[:, [0, -1]] = 0
+    return out
 
 
 def smoothed(cells: np.ndarray, sigma: float) -> np.ndarray:
@@ -74,16 +80,4 @@ def _side_by_side(features, feature_scale, edges, edge_scale):
             for c in range(channels):
                 out[i, j, c] = features[i, j, c] * feature_scale
                 out[i, j, channels + c] = edges[i, j, c] * edge_scale
-    return out
-
-
-def _bend(smooth: np.ndarray, nx: float, ny: float, scale: float) -> np.ndarray:
-    """Minus the second derivative of maps (H, W, r) along the unit vector (nx, ny), times ``scale``; zero on the
-    border."""
-    mixed = 0.5 * nx * ny * np.array([[1, 0, -1], [0, 0, 0], [-1, 0, 1]])
-    along = nx * nx * np.array([[0, 0, 0], [1, -2, 1], [0, 0, 0]]) + ny * ny * np.array(
-        [[0, 1, 0], [0, -2, 0], [0, 1, 0]]
-    )
-    out = cv2.filter2D(smooth, -1, -scale * (along + mixed)).reshape(smooth.shape)
-    out[[0, -1]] = out[:, [0, -1]] = 0
     return out
