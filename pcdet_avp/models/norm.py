@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from pcdet_avp.errors import ConfigError
-from pcdet_avp.models.cpu_kernels import group_norm as kernels
+from pcdet_avp.models.cpu_kernels import group_norm, group_norm_gradient
 from pcdet_avp.models.precision import full_precision
 
 NORMS = ("group", "batch", "frozen_batch")
@@ -38,8 +38,9 @@ def make_norm(kind: str, channels: int) -> nn.Module:
 def norm_relu(norm: nn.Module, x: Tensor, shortcut: Tensor | None = None) -> Tensor:
     """relu(norm(x) + shortcut), (B, C, H, W) each. Where no gradients are wanted, x may be overwritten: pass what a
     convolution has just made."""
-    if kernels.fits(norm, x, shortcut):
-        return kernels.norm_relu(norm, x, shortcut)
+    for kernels in (group_norm, group_norm_gradient):
+        if kernels.fits(norm, x, shortcut):
+            return kernels.norm_relu(norm, x, shortcut)
     normalised = norm(x) if shortcut is None else norm(x) + shortcut
     return F.relu(normalised, inplace=torch.is_grad_enabled())  # no norm needs its own result for its gradient
 

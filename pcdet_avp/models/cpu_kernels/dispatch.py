@@ -29,8 +29,12 @@ def usable_in_training(*tensors: Tensor) -> bool:
 
 def usable_in_bf16(*tensors: Tensor) -> bool:
     """As ``usable``, for a kernel that reads bf16 and float32, where bf16 is the automatic precision."""
-    in_bf16 = torch.is_autocast_enabled("cpu") and torch.get_autocast_dtype("cpu") == torch.bfloat16
-    return in_bf16 and not torch.is_grad_enabled() and _ordinary(tensors, (torch.bfloat16, torch.float32))
+    return not torch.is_grad_enabled() and _fit_bf16(tensors)
+
+
+def usable_in_bf16_training(*tensors: Tensor) -> bool:
+    """As ``usable_in_training``, for a kernel that reads bf16 and float32, where bf16 is the automatic precision."""
+    return torch.is_grad_enabled() and _fit_bf16(tensors)
 
 
 def readable(*tensors: Tensor) -> bool:
@@ -43,6 +47,12 @@ def readable(*tensors: Tensor) -> bool:
 def _fit(tensors: tuple[Tensor, ...]) -> bool:
     """Whether they are ordinary tensors on a CPU, in float32, without automatic precision."""
     return not torch.is_autocast_enabled("cpu") and _ordinary(tensors, (torch.float32,))
+
+
+def _fit_bf16(tensors: tuple[Tensor, ...]) -> bool:
+    """Whether they are ordinary tensors on a CPU, in bf16 or float32, and bf16 is the automatic precision."""
+    in_bf16 = torch.is_autocast_enabled("cpu") and torch.get_autocast_dtype("cpu") == torch.bfloat16
+    return in_bf16 and _ordinary(tensors, (torch.bfloat16, torch.float32))
 
 
 def _ordinary(tensors: tuple[Tensor, ...], dtypes: tuple[torch.dtype, ...]) -> bool:

@@ -14,19 +14,23 @@ CHUNK_PIXELS = 128  # summed in single precision, everything above in double
 
 
 def fits(norm: nn.Module, x: Tensor, shortcut: Tensor | None) -> bool:
-    """Whether ``norm_relu`` serves: group norm of a map whose channels lie side by side in memory."""
-    if type(norm) is not nn.GroupNorm or not norm.affine or x.dim() != 4 or not x.numel():
-        return False
+    """Whether ``norm_relu`` serves: no gradients are wanted, and ``is_group_norm_of_cells``."""
     maps = (x,) if shortcut is None else (x, shortcut)
-    if not usable(*maps, norm.weight) and not (x.dtype == torch.bfloat16 and usable_in_bf16(*maps)):
+    in_bf16 = x.dtype == torch.bfloat16 and usable_in_bf16(*maps)
+    return is_group_norm_of_cells(norm, x) and (in_bf16 or usable(*maps, norm.weight))
+
+
+def is_group_norm_of_cells(norm: nn.Module, x: Tensor) -> bool:
+    """Whether ``norm`` is a group norm, and ``x`` a map whose channels lie side by side in memory."""
+    if type(norm) is not nn.GroupNorm or not norm.affine or x.dim() != 4 or not x.numel():
         return False
     return x.is_contiguous(memory_format=torch.channels_last)
 
 
 def norm_relu(norm: nn.GroupNorm, x: Tensor, shortcut: Tensor | None) -> Tensor:
     """relu(norm(x) + shortcut), (B, C, H, W) each, float32 or bf16; x is overwritten, sums are taken in full."""
-    cells = _cells_last(x)
-    added = cells if shortcut is None else _cells_last(shortcut)
+    cells = cells_last(x)
+    added = cells if shortcut is None else cells_last(shortcut)
     weight, bias = array_of(norm.weight), array_of(norm.bias)
     for sample in range(len(cells)):
         rows, more = (a[sample].reshape(-1, cells.shape[3]) for a in (cells, added))
@@ -35,14 +39,26 @@ def norm_relu(norm: nn.GroupNorm, x: Tensor, shortcut: Tensor | None) -> Tensor:
     return x
 
 
-def _cells_last(x: Tensor) -> np.ndarray:
+def cells_last(x: Tensor) -> np.ndarray:
     """(B, H, W, C), of the same memory where the channels lie side by side there."""
     return bits_of(x.detach().permute(0, 2, 3, 1).contiguous())
 
 
 @numba.njit(**OPTIONS)
 def affine(rows, weight, bias, groups, eps):
-    """Scale and shift (C,) that group norm amounts to, for rows (pixels, C).
+    """Scale and shift (C,) that group norm amounts to, for rows (pixels, C)."""
+    means, deviations = moments(rows, groups, eps)
+    channels, size = rows.shape[1], rows.shape[1] // groups
+    scale, shift = np.empty(channels, np.float32), np.empty(channels, np.float32)
+    for c in range(channels):
+        factor = weight[c] / deviations[c // size]
+        scale[c], shift[c] = factor, bias[c] - means[c // size] * factor
+    return scale, shift
+
+
+@numba.njit(**OPTIONS)
+def moments(rows, groups, eps):
+    """Mean and sqrt(variance + eps) (groups,) of rows (pixels, C), in double precision.
 
     Sums are of differences to the first pixel, so that a mean far from zero costs no digits of the variance.
     """
@@ -63,20 +79,18 @@ def affine(rows, weight, bias, groups, eps):
         for c in range(channels):
             sums[c] += part[c]
             squares[c] += part_squares[c]
-    scale, shift, size = np.empty(channels, np.float32), np.empty(channels, np.float32), channels // groups
-    for first in range(0, channels, size):
+    means, deviations, size = np.empty(groups), np.empty(groups), channels // groups
+    for group in range(groups):
         mean = 0.0
-        for c in range(first, first + size):
+        for c in range(group * size, (group + 1) * size):
             mean += (pivot[c] + sums[c] / pixels) / size
         variance = 0.0
-        for c in range(first, first + size):
+        for c in range(group * size, (group + 1) * size):
             from_mean = pivot[c] + sums[c] / pixels - mean
             variance += ((squares[c] - sums[c] * sums[c] / pixels) / pixels + from_mean * from_mean) / size
         # No maximum with zero, which would hide NaN; rounding below zero is far smaller than eps.
-        for c in range(first, first + size):
-            factor = weight[c] / np.sqrt(variance + eps)
-            scale[c], shift[c] = factor, bias[c] - mean * factor
-    return scale, shift
+        means[group], deviations[group] = mean, np.sqrt(variance + eps)
+    return means, deviations
 
 
 @numba.njit(**OPTIONS)
