@@ -139,12 +139,16 @@ def test_all_together_in_any_order(frame, seed):
     assert_consistent(frame)
 
 
-def test_a_localisation_error_moves_the_received_pose_and_nothing_else(frame):
-    believed = transforms.misplace_infra(frame, 0.3, -0.1, 0.02)
+def test_a_localisation_error_turns_what_is_received_about_the_ego_and_changes_nothing_else(frame):
+    """An ego that believes itself turned by 0.02 to the left has all that it receives turned to its right, itself
+    being the middle; what the roadside sees at the ego's own place stays there."""
+    turned = transforms.misplace_infra(frame, 0.0, 0.0, 0.02)
+    place = np.array([[0.0, 0.0, 0.0], [40.0, 0.0, 0.0]])
+    seen = turned.ego_from_infra.apply(frame.ego_from_infra.inverse().apply(place))
+    np.testing.assert_allclose(seen, [[0, 0, 0], [40 * np.cos(0.02), -40 * np.sin(0.02), 0]], atol=1e-12)
+    believed = transforms.misplace_infra(frame, 0.3, -0.1, 0.0)
     np.testing.assert_allclose(
-        (frame.ego_from_infra.inverse() @ believed.ego_from_infra).matrix,
-        Pose.from_xyz_yaw(0.3, -0.1, 0.0, 0.02).matrix,
-        atol=1e-12,
+        believed.ego_from_infra.translation, frame.ego_from_infra.translation - [0.3, -0.1, 0.0], atol=1e-12
     )
     assert believed.ego is frame.ego
     assert_pictures_agree(believed.infra)

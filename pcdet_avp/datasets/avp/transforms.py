@@ -105,7 +105,12 @@ def _map_points(points: np.ndarray, linear: np.ndarray) -> np.ndarray:
 
 
 def misplace_infra(frame: Frame, dx_m: float, dy_m: float, yaw: float) -> Frame:
-    """Localisation error: the roadside's pose as the ego believes it. Breaks the second fact, on purpose."""
-    error = Pose.from_xyz_yaw(dx_m, dy_m, 0.0, yaw)
-    believed = replace(frame.infra, world_from_agent=frame.infra.world_from_agent @ error)
-    return replace(frame, infra=believed)
+    """The roadside's pose as an ego has it that errs about its own by dx, dy (m) and yaw (rad), in its own true frame.
+
+    The error turns about the ego, not about the mast: what is near the ego hardly moves, what is far moves most.
+    Breaks the second fact, on purpose.
+    """
+    true_from_believed = Pose.from_xyz_yaw(dx_m, dy_m, 0.0, yaw)
+    world_from_ego = frame.ego.world_from_agent
+    moved = world_from_ego @ true_from_believed.inverse() @ frame.ego_from_infra
+    return replace(frame, infra=replace(frame.infra, world_from_agent=moved))
