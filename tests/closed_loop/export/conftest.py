@@ -1,5 +1,6 @@
 """Episodes that all formats are tested with: the turning car of the T-junction, and reversing out of a slot."""
 
+from contextlib import contextmanager
 from dataclasses import replace
 
 import pytest
@@ -51,3 +52,20 @@ def junction():
 @pytest.fixture(scope="session")
 def reversing():
     return [drive("cpra", 1.5, "C+CL", trial=0)]
+
+
+@pytest.fixture
+def full_disk():
+    """A block in which no file can grow beyond so many bytes, as on a disk that is full."""
+    resource = pytest.importorskip("resource", reason="needs limits of POSIX")
+
+    @contextmanager
+    def limited(size):
+        before = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+        try:
+            yield
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+    return limited
