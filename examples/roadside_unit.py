@@ -16,7 +16,6 @@ replay the first roadside unit of the records, unless they are given another one
 from __future__ import annotations
 
 import argparse
-import signal
 import socket
 import time
 from contextlib import suppress
@@ -171,7 +170,6 @@ def main() -> None:
     address(args.to, "--to")
     if args.unit >= MAX_SENDERS:
         raise ConfigError(f"--unit: expected a number below {MAX_SENDERS}, found {args.unit}")
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     check_runtime_arguments(args)
     if args.summary:
         check_writable(args.summary)

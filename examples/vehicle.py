@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import argparse
 import select
-import signal
 import socket
 import time
 from collections.abc import Collection, Iterator
@@ -144,6 +143,7 @@ class Drive:
         own = 0 if args.any_network else half.network_number
         self.receiver, self._rng = Receiver(half.shape, int(1e6 * args.max_age), own), np.random.default_rng(0)
         self._told_of: set[int] = set()  # units whose foreign maps were reported
+        self._told_shared: set[int] = set()  # numbers that several units have, reported
         self._until_s: float | None = None
         self._heard_s, self._last_frame = time.monotonic(), -1
         self._ahead_s = 0.0  # how far a unit's clock is ahead of this one, at the latest segment; below 0: its age
@@ -167,6 +167,9 @@ class Drive:
         for sender in self.receiver.foreign.keys() - self._told_of:
             self._told_of.add(sender)
             print(f"unit {sender}: {self._of_another_network(sender)}", flush=True)
+        for sender in self.receiver.shared - self._told_shared:
+            self._told_shared.add(sender)
+            print(f"unit {sender}: several roadside units send under this number: each needs its own", flush=True)
 
     def look(self) -> None:
         """Detect, where there is a new map, or none that is young enough."""
@@ -254,7 +257,6 @@ def main() -> None:
     args = parse_arguments()
     if not 0 <= args.drop <= 1:
         raise ConfigError(f"--drop: expected a share of 0 to 1, found {args.drop}")
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     check_runtime_arguments(args)
     if args.summary:
         check_writable(args.summary)

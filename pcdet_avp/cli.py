@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import sys
 from collections.abc import Callable
 from importlib.metadata import entry_points
@@ -68,7 +69,11 @@ def load_arguments_config(args: argparse.Namespace) -> EasyDict:
 
 
 def run_tool(main: Callable[[], None]) -> None:
-    """Run a tool; a wrong input ends in one line and exit status 2, and leaves no empty folder; Ctrl-C ends in 130."""
+    """Run a tool; a wrong input ends in one line and exit status 2, and leaves no empty folder; Ctrl-C ends in 130.
+
+    So does SIGTERM, by which batch systems and containers end a process: no half-written file stays.
+    """
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         main()
     except AvpError as error:

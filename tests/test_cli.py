@@ -1,5 +1,8 @@
 """How a tool ends: one line and a status for what a user can cause, a traceback for what is our fault."""
 
+import subprocess
+import sys
+
 import pytest
 
 from pcdet_avp.cli import run_tool
@@ -24,6 +27,34 @@ def test_an_interrupt_inside_compiled_code_is_an_interrupt(capsys, cause):
         run_tool(raising(SystemError("returned a result with an exception set"), inner))
     assert end.value.code == 130
     assert capsys.readouterr().err == "interrupted; the same command goes on from here\n"
+
+
+WRITES = """
+import sys, time
+from pathlib import Path
+sys.path[:0] = {path!r}
+from pcdet_avp.cli import run_tool
+from pcdet_avp.files import replacing
+
+def main():
+    with replacing(Path({file!r})) as aside:
+        aside.write_text("half")
+        print("begun", flush=True)
+        time.sleep(60)
+
+run_tool(main)
+"""
+
+
+def test_a_tool_that_is_terminated_leaves_nothing_half_written(tmp_path):
+    """SIGTERM: ``kill``, a batch system whose time is up, a container that is stopped."""
+    code = WRITES.format(path=sys.path, file=str(tmp_path / "result.json"))
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as tool:
+        assert tool.stdout.readline() == b"begun\n"
+        tool.terminate()
+        assert tool.wait(60) == 130
+        assert tool.stderr.read() == b"interrupted; the same command goes on from here\n"
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_any_other_system_error_keeps_its_traceback():

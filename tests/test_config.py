@@ -1,8 +1,10 @@
 """YAML in OpenPCDet's schema: bases, overrides, and one clear error for each mistake."""
 
 import os
+from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -84,6 +86,16 @@ def test_an_alias_stands_for_its_value_wherever_it_is_named(write):
     assert cfg.E == {"B": 3, "C": [2, 2]}
     with pytest.raises(ConfigError, match=r"--set A.C: .* is not a YAML value"):
         apply_overrides(cfg, ["A.C", "&a [*a]"])
+
+
+def test_aliases_that_stand_for_more_values_than_anybody_can_walk_through(write):
+    """Each line names the one before ten times: 11, 111, 1111, 11111 values are read; 111111 are not."""
+    lines = ["A: &A [0, 1, 2, 3, 4, 5, 6, 7, 8, 9]"]
+    lines += [f"{name}: &{name} [{', '.join([f'*{before}'] * 10)}]" for before, name in pairwise("ABCDEFGHI")]
+    cfg = load_config(write("c.yaml", "\n".join(lines[:4])))
+    assert np.array(cfg.D).shape == (10, 10, 10, 10)
+    with pytest.raises(ConfigError, match=r"c.yaml: broken YAML in line 5: alias \*D: .* more than 100000 values"):
+        load_config(write("c.yaml", "\n".join(lines)))
 
 
 def test_a_missing_or_unreadable_file_is_named(tmp_path):

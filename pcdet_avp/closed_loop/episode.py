@@ -72,7 +72,7 @@ class Episode:
         """(N,) bool, the world's road users whom the policy may ever heed: not the vehicles that stand in slots."""
         users = self._world.road_users()
         heeded = self._informed.heeds_in_map(users.boxes, users.names)
-        return heeded | np.array([not stands(actor) for actor in self._world.actors])
+        return heeded | np.array([not stands(actor) for actor in self._world.actors], bool)
 
     @property
     def time_s(self) -> float:
@@ -188,6 +188,7 @@ class Episode:
     def _figures(self) -> EpisodeFigures:
         contact = self._encounters.contact
         end_s = contact.time_s if self.crashed else self.time_s
+        driven_m = self.state.position - self.scenario.ego_start_x
         return EpisodeFigures(
             outcome="none" if contact is None else ("front" if contact.front else "side"),
             crashed=self.crashed,
@@ -195,6 +196,6 @@ class Episode:
             crash_time_s=None if contact is None else contact.time_s,
             impact_speed_mps=self._encounters.impact_speed_mps,
             duration_s=end_s,
-            mean_speed_mps=(self.state.position - self.scenario.ego_start_x) / end_s,
+            mean_speed_mps=driven_m / end_s if end_s else self.state.speed,
             **self._measurements.figures(self._encounters.met),
         )

@@ -111,6 +111,7 @@ class Receiver:
         self.counts: Counter[str] = Counter()
         self.newest_us = 0  # capture of the segment accepted last, by its unit's clock
         self.foreign: dict[int, int] = {}  # sender -> network, of those that send maps of another one
+        self.shared: set[int] = set()  # senders whose segments contradict each other: several units of one number
 
     def push(self, payload: bytes) -> bool:
         """Take a segment; whether it brought anything new."""
@@ -146,6 +147,9 @@ class Receiver:
             return self._refuse(header.stamp)
         key = StreamKey(header.stamp.sender, header.stamp.modality)
         stream = self._streams.get(key) or Stream()
+        held = stream.maps.get(header.stamp.frame_id)
+        if held is not None and held.stamp != header.stamp and len(self.shared) < HELD_STREAMS:
+            self.shared.add(header.stamp.sender)
         fate = stream.push(header, body)
         if fate == "accepted":
             self._keep(key, stream)

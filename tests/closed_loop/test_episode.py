@@ -53,6 +53,19 @@ class TestOutcomes:
         assert (log.figures.outcome, log.figures.crashed) == ("side", True)
         assert log.figures.crash_time_s == pytest.approx(3.6 - (2.3 + HALF_WIDTH) / 30.0, abs=1e-6)
 
+    def test_a_contact_at_the_start_is_one_at_the_speed_of_the_start(self, scenes):
+        """The bumper touches somebody before the first tick has begun: no time passes, and no way."""
+        log = drive(scenes.scene(scenes.pedestrian([(0.1, 0.0), (0.1, 0.1)])), Blind())
+        figures = log.figures
+        assert (figures.outcome, figures.crash_time_s, figures.duration_s) == ("front", 0.0, 0.0)
+        assert (figures.impact_speed_mps, figures.mean_speed_mps) == (5.0, 5.0)
+
+    def test_a_drive_on_which_there_is_nobody(self, scenes):
+        """The end lies 40 m ahead of the bumper: 8 s at 5 m/s."""
+        log = drive(scenes.scene(), oracle())
+        assert (log.figures.outcome, log.figures.finished) == ("none", True)
+        assert log.figures.duration_s == pytest.approx(8.0, abs=0.051)
+
     def test_crash_side(self, scenes):
         """A pedestrian reaches the flank when the bumper is 2 m past: a side contact, and the drive goes on."""
         reach_s = (HALF_WIDTH + HALF_PEDESTRIAN) / 1.5

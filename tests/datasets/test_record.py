@@ -191,6 +191,11 @@ DAMAGE = {
         at(["roadside_units", 0, "world_from_agent", 0, 3], NAN),
         r"frame.json: roadside_units\[0\].world_from_agent: holds NaN",
     ),
+    "a time of hundreds of digits": (at(["time_s"], 10**400), r"frame.json: time_s: expected a finite number"),
+    "a place of hundreds of digits": (
+        at(["ego", "world_from_agent", 0, 3], 10**400),
+        r"frame.json: ego.world_from_agent: expected numbers of shape",
+    ),
     "no rotation": (at(["ego", "world_from_agent", 0, 0], 2.0), r"frame.json: ego.world_from_agent: .*not a rotation"),
     "short matrix": (at(["ego", "world_from_agent"], [[1, 0], [0, 1]]), r"ego.world_from_agent: expected .*\(4, 4\)"),
     "missing calibration": (at(["ego", "camera", "fx"], DELETE), r"frame.json: ego.camera.fx: missing"),

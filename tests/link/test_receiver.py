@@ -157,6 +157,16 @@ def test_damaged_foreign_and_contradicting_segments_are_as_if_they_had_not_come(
     assert receiver.take("lidar", now_us=0).present.sum() < 256
 
 
+def test_units_that_share_a_number_are_named(receiver):
+    """Two processes of one number capture the same frame 1 ms apart; each alone, or damaged bytes, name nobody."""
+    ours, theirs = segments(3), segments(3, time_us=151_000)
+    push_all(receiver, [*ours, *segments(4), *segments(3, "camera", time_us=151_000), theirs[0][:-1]])
+    assert receiver.shared == set()
+    push_all(receiver, theirs[:1])
+    assert receiver.shared == {0}
+    np.testing.assert_array_equal(receiver.take("lidar", now_us=0).stamp.time_us, 200_000)
+
+
 def test_memory_is_bounded_by_three_maps(receiver):
     for frame in range(10):
         push_all(receiver, segments(frame))

@@ -10,7 +10,7 @@ from pathlib import Path
 from types import ModuleType
 
 from pcdet_avp.closed_loop.export.drive import DrivenCase
-from pcdet_avp.errors import ConfigError
+from pcdet_avp.errors import ConfigError, OutputError
 from pcdet_avp.sim.scenarios.table import ON_PLAN
 
 
@@ -42,6 +42,7 @@ class EpisodeFormat:
     needs: dict[str, str]
     extra: str = "episodes"
     on_plans: bool = True  # False: the map of a garage from a file is not written in this format yet
+    fewest_ticks: int = 1  # that a drive must have; a trajectory begins with two
 
     def check(self, scenario: str) -> None:
         """ConfigError where a package is missing, or the scenario plays on a plan that the format cannot hold."""
@@ -60,7 +61,10 @@ class EpisodeFormat:
             )
 
     def write(self, drives: Sequence[DrivenCase], stem: Path, settings: ExportSettings) -> list[Path]:
-        """Write the files; their paths."""
+        """Write the files; their paths. OutputError where they would hold nothing that the format takes."""
+        ticks = len(drives[0].record.log.times)
+        if ticks < self.fewest_ticks:
+            raise OutputError(f"{stem}: {self.name} needs a drive of {self.fewest_ticks} ticks, found one of {ticks}")
         return self._writer().write(drives, stem, settings)
 
     def _writer(self) -> ModuleType:
@@ -71,7 +75,11 @@ _FORMATS = (
     EpisodeFormat("html", "page", {}),
     EpisodeFormat("mcap", "mcap_file", {"foxglove": "foxglove-sdk"}),
     EpisodeFormat("rrd", "rerun_file", {"rerun": "rerun-sdk"}),
-    EpisodeFormat("xosc", "open_scenario", {"scenariogeneration": "scenariogeneration"}, on_plans=False),
-    EpisodeFormat("commonroad", "common_road", {"commonroad": "commonroad-io"}, extra="commonroad", on_plans=False),
+    EpisodeFormat(
+        "xosc", "open_scenario", {"scenariogeneration": "scenariogeneration"}, on_plans=False, fewest_ticks=2
+    ),
+    EpisodeFormat(
+        "commonroad", "common_road", {"commonroad": "commonroad-io"}, extra="commonroad", on_plans=False, fewest_ticks=2
+    ),
 )
 FORMATS = {each.name: each for each in _FORMATS}

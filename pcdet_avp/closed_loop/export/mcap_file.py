@@ -23,6 +23,7 @@ from pcdet_avp.closed_loop.export.drive import DrivenCase
 from pcdet_avp.closed_loop.export.formats import ExportSettings
 from pcdet_avp.closed_loop.export.record import EpisodeRecord, Found, floor_boxes
 from pcdet_avp.closed_loop.export.sensors import Look, looks, sensor_ticks
+from pcdet_avp.errors import OutputError
 from pcdet_avp.files import replacing
 from pcdet_avp.structures.boxes import CORNER_SIGNS, EDGES
 from pcdet_avp.structures.pose import Pose
@@ -41,9 +42,12 @@ def write(drives: Sequence[DrivenCase], stem: Path, settings: ExportSettings) ->
     with replacing(file) as aside:
         context = Context()
         options = MCAPWriteOptions(compression_threads=0)
-        with open_mcap(aside, allow_overwrite=True, context=context, writer_options=options) as writer:
-            writer.write_metadata("episode", drives[0].record.facts())
-            _Log(context).episode(drives[0], settings)
+        try:
+            with open_mcap(aside, allow_overwrite=True, context=context, writer_options=options) as writer:
+                writer.write_metadata("episode", drives[0].record.facts())
+                _Log(context).episode(drives[0], settings)
+        except RuntimeError as error:  # a full disk, which its writer tells at the end
+            raise OutputError(f"{file}: cannot be written ({error})") from error
     return [file]
 
 

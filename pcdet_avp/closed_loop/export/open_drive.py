@@ -167,7 +167,9 @@ def _name(placed: Element) -> None:
 
 def _fill_header(header: Element, layout: GarageLayout) -> None:
     """The outermost points, which the library leaves at 0, and a date that does not change."""
-    corners = bev_corners(layout.solid_boxes()).reshape(-1, 2)
+    solid = bev_corners(layout.solid_boxes()).reshape(-1, 2)
+    roads = [(x, y) for x in (layout.road_start_x, layout.road_end_x) for y in (layout.side_road_end_y, LANE_WIDTH_M)]
+    corners = np.concatenate([solid, roads])
     (west, south), (east, north) = corners.min(0), corners.max(0)
     for name, value in (("north", north), ("south", south), ("east", east), ("west", west)):
         header.set(name, f"{value:.3f}")

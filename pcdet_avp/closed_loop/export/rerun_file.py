@@ -20,7 +20,7 @@ from pcdet_avp.closed_loop.export.drive import DrivenCase
 from pcdet_avp.closed_loop.export.formats import ExportSettings
 from pcdet_avp.closed_loop.export.record import EpisodeRecord, Found, floor_boxes
 from pcdet_avp.closed_loop.export.sensors import Look, looks, sensor_ticks
-from pcdet_avp.files import replacing
+from pcdet_avp.files import write_bytes
 from pcdet_avp.structures.pose import Pose
 from pcdet_avp.visualization.palette import EGO_COLOR, EGO_LIGHT, INFRA_LIGHT, TRUE_COLOR
 
@@ -31,12 +31,12 @@ FUSED, IGNORED, SOLID, PARKED = (255, 90, 170), (155, 104, 130), (128, 126, 120)
 def write(drives: Sequence[DrivenCase], stem: Path, settings: ExportSettings) -> list[Path]:
     """The ``.rrd`` of the first drive."""
     file = stem.with_name(f"{stem.name}.rrd")
-    with replacing(file) as aside:
-        stream = rr.RecordingStream(APPLICATION, recording_id=stem.name)
-        stream.save(aside, default_blueprint=_blueprint(drives[0]))
-        _log_episode(stream, drives[0], settings)
-        stream.flush()
-        stream.disconnect()
+    stream = rr.RecordingStream(APPLICATION, recording_id=stem.name)
+    # Not stream.save(): on a full disk it waits for ever, or leaves a file without its end and says nothing (0.41).
+    encoded = stream.binary_stream()
+    stream.send_blueprint(_blueprint(drives[0]), make_active=False, make_default=True)
+    _log_episode(stream, drives[0], settings)
+    write_bytes(file, encoded.read() or b"")
     return [file]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
 
@@ -13,13 +14,14 @@ import torch
 from pcdet_avp.config import require
 from pcdet_avp.datasets.avp.augment import Augmentor
 from pcdet_avp.datasets.avp.collate import collate
+from pcdet_avp.datasets.avp.doubts import doubts
 from pcdet_avp.datasets.avp.frames import find_frames
 from pcdet_avp.datasets.avp.manifest import read_manifest
 from pcdet_avp.datasets.avp.network_input import NetworkInput
 from pcdet_avp.datasets.avp.prepare import prepare
 from pcdet_avp.datasets.avp.record import read_frame, recorded_sources
 from pcdet_avp.datasets.avp.splits import protocol_of
-from pcdet_avp.errors import ConfigError
+from pcdet_avp.errors import ConfigError, RecordError
 from pcdet_avp.evaluation import Detections, GroundTruth, Region, evaluate
 from pcdet_avp.evaluation.detections_file import write_texts
 from pcdet_avp.registry import DATASETS
@@ -99,6 +101,10 @@ class AvpDataset(torch.utils.data.Dataset):
         labels = read_frame(self.root_path, frame_id, sources=(), keep_ego=True, unit=self.roadside_unit).labels
         if self.logger is not None and centre_in_ego(labels.boxes).any():
             self.logger.warning(f"{self.root_path}: the ego itself is among the labels (frame {frame_id}): left out")
+        if self.logger is not None and "GENERATE" not in read_manifest(self.root_path).generator:
+            with suppress(RecordError):  # of a sensor that may never be used
+                for doubt in doubts(read_frame(self.root_path, frame_id, unit=self.roadside_unit)):
+                    self.logger.warning(f"{self.root_path}: frame {frame_id}: {doubt}")
 
     @property
     def mode(self) -> str:

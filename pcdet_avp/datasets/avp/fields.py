@@ -71,7 +71,10 @@ class Field:
 
     def number(self) -> float:
         """A finite number."""
-        value = float(self.of(float))
+        try:
+            value = float(self.of(float))
+        except OverflowError:  # a whole number of hundreds of digits
+            value = math.inf
         if not math.isfinite(value):
             raise self.error(f"expected a finite number, found {value}")
         return value
@@ -80,7 +83,7 @@ class Field:
         """Finite numbers of this shape, float64."""
         try:
             array = np.array(self.value, dtype=np.float64)
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, OverflowError) as error:
             raise self.error(f"expected numbers of shape {shape}, found {str(self.value)[:60]}") from error
         if array.shape != shape:
             raise self.error(f"expected numbers of shape {shape}, found shape {array.shape}")

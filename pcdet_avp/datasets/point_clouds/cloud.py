@@ -10,6 +10,7 @@ MAX_MEDIAN_DISTANCE_M = 300.0  # no LiDAR has half of its returns beyond
 # Where a floor is looked for, and what it takes: no vehicle's roof, no distant slope, and no handful of points.
 FLOOR_RING_M, FLOOR_HEIGHTS_M, FLOOR_STEP_M = (3.0, 25.0), (-12.0, 4.0), 0.2
 FLOOR_POINTS, FLOOR_SHARE = 200, 1 / 3
+FLOOR_TOLERANCE_M = 0.5  # between where the floor seems to be and where it is taken to be
 SCALE_HINT = "--intensity_scale S divides by S"
 
 

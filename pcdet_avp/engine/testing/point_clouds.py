@@ -16,7 +16,7 @@ from pcdet_avp.datasets.avp.avp_dataset import AvpDataset
 from pcdet_avp.datasets.avp.collate import collate, load_batch
 from pcdet_avp.datasets.avp.network_input import NetworkInput
 from pcdet_avp.datasets.avp.prepare import prepare
-from pcdet_avp.datasets.point_clouds.cloud import Cloud, floor_depth_m
+from pcdet_avp.datasets.point_clouds.cloud import FLOOR_TOLERANCE_M, Cloud, floor_depth_m
 from pcdet_avp.datasets.point_clouds.read import EXTENSIONS, read_cloud
 from pcdet_avp.engine.testing.pictures import above_scores
 from pcdet_avp.errors import RecordError
@@ -32,7 +32,6 @@ from pcdet_avp.visualization.video import write_picture
 
 VEHICLE_LIDAR = SensorSet(ego_camera=False, ego_lidar=True, infra_camera=False, infra_lidar=False)
 WIDTH_PX = 1600
-FLOOR_TOLERANCE_M = 0.5  # between where the floor seems to be and where it is taken to be
 
 
 def cloud_files(path: Path) -> list[Path]:

@@ -1,5 +1,6 @@
 """Episodes that all formats are tested with: the turning car of the T-junction, and reversing out of a slot."""
 
+from contextlib import contextmanager
 from dataclasses import replace
 
 import pytest
@@ -32,9 +33,10 @@ class WithRoadsideOnly:
         return replace(self.oracle.perceive(world, tick, sensor_set), messages=(Message("infra_lidar", 1000, 0.05),))
 
 
-def drive(scenario, speed, combo, trial=1):
+def drive(scenario, speed, combo, trial=1, blueprint=None):
+    """``blueprint``: a scenario of one's own in place of the one that is drawn by its name."""
     cfg, settings = load_config("cfgs/dataset_configs/avp_tiny.yaml"), EpisodeSettings()
-    blueprint, rig = draw_scenario(scenario, 0, trial, speed), Rig.from_config(cfg["SENSORS"])
+    blueprint, rig = blueprint or draw_scenario(scenario, 0, trial, speed), Rig.from_config(cfg["SENSORS"])
     rig = rig.reversed() if blueprint.reversing else rig
     recording = record_episode(blueprint, WithRoadsideOnly(cfg), SensorSet.parse(combo), settings)
     case = Case(scenario, "own", combo, speed, trial)
@@ -51,3 +53,33 @@ def junction():
 @pytest.fixture(scope="session")
 def reversing():
     return [drive("cpra", 1.5, "C+CL", trial=0)]
+
+
+@pytest.fixture(scope="session")
+def at_once(scenes):
+    """A drive of one tick: the bumper meets somebody at its start, in a hall without pillars and walls."""
+    who = scenes.pedestrian([(0.1, 0.0), (0.1, 0.1)])
+    return [drive("own", 5.0, "C+CL", blueprint=scenes.scene(who))]
+
+
+@pytest.fixture(scope="session")
+def nobody(scenes):
+    """A drive through the same hall, in which there is nobody else."""
+    return [drive("own", 5.0, "C+CL", blueprint=scenes.scene())]
+
+
+@pytest.fixture
+def full_disk():
+    """A block in which no file can grow beyond so many bytes, as on a disk that is full."""
+    resource = pytest.importorskip("resource", reason="needs limits of POSIX")
+
+    @contextmanager
+    def limited(size):
+        before = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+        try:
+            yield
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+    return limited

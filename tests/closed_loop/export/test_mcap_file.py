@@ -8,6 +8,7 @@ import pytest
 
 from pcdet_avp.closed_loop.export.formats import FORMATS, ExportSettings
 from pcdet_avp.closed_loop.export.sensors import looks, sensor_ticks
+from pcdet_avp.errors import OutputError
 
 pytest.importorskip("foxglove", reason="needs foxglove-sdk: pip install pcdet_avp[episodes]")
 reader = pytest.importorskip("mcap.reader", reason="needs mcap: pip install pcdet_avp[episodes]")
@@ -132,3 +133,9 @@ def test_transforms_lead_from_the_camera_to_the_world(seen, junction):
 def test_the_same_episode_gives_the_same_bytes(file, junction, tmp_path):
     (again,) = FORMATS["mcap"].write(junction, tmp_path / "e", ExportSettings(every=0))
     assert again.read_bytes() == file.read_bytes()
+
+
+def test_a_full_disk_is_one_error_and_leaves_nothing(file, junction, tmp_path, full_disk):
+    with full_disk(file.stat().st_size - 100), pytest.raises(OutputError, match=r"e\.mcap: cannot be written"):
+        FORMATS["mcap"].write(junction, tmp_path / "e", ExportSettings(every=0))
+    assert list(tmp_path.iterdir()) == []

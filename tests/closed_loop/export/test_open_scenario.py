@@ -179,3 +179,11 @@ def test_the_checkers_find_a_fault(files, checkers, tmp_path):
     wrong.write_text(files[1].read_text().replace('<EntityRef entityRef="ego"', '<EntityRef entityRef="nobody"', 1))
     assert verdict(checkers / "qc_opendrive", wrong_map, tmp_path)[1]
     assert verdict(checkers / "qc_openscenario", wrong, tmp_path)[1]
+
+
+def test_a_hall_without_walls_in_which_nobody_else_is(nobody, tmp_path):
+    """The map's outermost points are then its roads': the main one's ends at -100 and 2 m, the side road's at -28 m."""
+    road_map, scenario = FORMATS["xosc"].write(nobody, tmp_path / "e", ExportSettings(every=0))
+    header = ElementTree.parse(road_map).getroot().find("header")
+    assert [float(header.get(side)) for side in ("west", "east", "south")] == [-100.0, 2.0, -28.0]
+    assert [each.get("name") for each in ElementTree.parse(scenario).getroot().iter("ScenarioObject")] == ["ego"]

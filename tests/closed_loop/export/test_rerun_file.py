@@ -6,6 +6,7 @@ import pytest
 
 from pcdet_avp.closed_loop.export.formats import FORMATS, ExportSettings
 from pcdet_avp.closed_loop.export.sensors import looks, sensor_ticks
+from pcdet_avp.errors import OutputError
 
 pytest.importorskip("rerun", reason="needs rerun-sdk: pip install pcdet_avp[episodes]")
 chunk = pytest.importorskip("rerun.chunk", reason="needs rerun-sdk 0.41 or newer to read")
@@ -79,3 +80,9 @@ def test_clouds_and_images_are_what_the_sensors_saw(rows, junction):
 def test_the_ego_frame_goes_where_the_ego_went(rows, junction):
     _, places = by_time(rows, "/world/ego", "Transform3D:translation")
     np.testing.assert_allclose(np.array(places)[:, 0, :2], junction[0].frames()[:, :2], atol=1e-4)
+
+
+def test_a_full_disk_is_one_error_and_leaves_nothing(junction, tmp_path, full_disk):
+    with full_disk(20_000), pytest.raises(OutputError, match=r"e\.rrd: cannot be written"):
+        FORMATS["rrd"].write(junction, tmp_path / "e", ExportSettings(every=0))
+    assert list(tmp_path.iterdir()) == []

@@ -191,6 +191,15 @@ def test_an_alias_of_what_it_lies_in(tmp_path):
             read_plan(written(tmp_path, more=loop))
 
 
+def test_aliases_of_aliases_without_end(tmp_path):
+    """Ten of ten of ten ... slots: a minute and more to walk through."""
+    lines = "    rows: &r0 [{road: main}]\n"
+    for k in range(12):
+        lines += f"    slots{k}: &r{k + 1} [{', '.join([f'*r{k}'] * 10)}]\n"
+    with pytest.raises(ConfigError, match=r"plan\.yaml: line 13: alias \*r4: the file stands for more than 100000"):
+        read_plan(written(tmp_path, more=lines))
+
+
 def test_an_alias_stands_for_its_value_wherever_it_is_named(tmp_path):
     text = STRAIGHT.replace("lanes: {", "lanes: &both {", 1) + SIDE.replace("{right: [3], left: [3]}", "*both")
     plan = parse_plan(written(tmp_path, text))
