@@ -47,13 +47,12 @@ def _of_agent(view: AgentView) -> Iterator[str]:
     if not len(seen):
         yield "camera: no point of the cloud lies in its picture: is agent_from_camera right, with z ahead?"
     elif view.depth is not None:
-        yield from _of_depth(view, seen)
+        yield from _of_depth(view.depth, *view.camera.project(seen))
 
 
-def _of_depth(view: AgentView, points: np.ndarray) -> Iterator[str]:
-    """``points`` (P, 3) lie in the picture."""
-    pixels, expected = view.camera.project(points)
-    found = view.depth[pixels[:, 1].astype(int), pixels[:, 0].astype(int)]
+def _of_depth(depth_map: np.ndarray, pixels: np.ndarray, expected: np.ndarray) -> Iterator[str]:
+    """A depth map (h, w), and pixels (P, 2) and depths (P,) of points that lie in the picture."""
+    found = depth_map[pixels[:, 1].astype(int), pixels[:, 0].astype(int)]
     expected, found = expected[found > 0], found[found > 0]
     if len(found) >= ENOUGH_POINTS and np.median(np.abs(found - expected) / expected) > DEPTH_TOLERANCE:
         yield (
@@ -74,7 +73,7 @@ def _of_labels(frame: Frame) -> Iterator[str]:
         points = points[points[:, 2] > ABOVE_FLOOR_M]
         cars = boxes[frame.labels.names == "Car"]
         cars = cars[np.hypot(*(cars[:, :2] - place[:2]).T) < NEAR_M]
-        near, hit = near + len(cars), hit + sum(points_in_box(points, car).any() for car in cars)
+        near, hit = near + len(cars), hit + sum(bool(points_in_box(points, car).any()) for car in cars)
     if near >= NEAR_CARS and hit < CARS_HIT * near:
         yield (
             f"labels: {hit} of {near} cars within {NEAR_M:g} m of a LiDAR hold a point of its cloud, expected most: do "
