@@ -68,7 +68,6 @@ def test_what_is_nowhere_names_both_places(choose, tmp_path):
     with pytest.raises(CheckpointError) as caught:
         choose("weights/cp_smal.pth")
     places = f"{tmp_path / 'weights' / 'cp_smal.pth'} or {REPOSITORY / 'weights' / 'cp_smal.pth'}"
-    assert str(caught.value) == (
-        f"weights/cp_smal.pth: cannot read this checkpoint: there is no file {places}; "
-        f"near ones: {WEIGHTS}, weights/cp_small_late.pth, weights/cp_small_first.pth"
-    )
+    said, _, near = str(caught.value).partition("; near ones: ")
+    assert said == f"weights/cp_smal.pth: cannot read this checkpoint: there is no file {places}"
+    assert near.split(", ")[0] == WEIGHTS
