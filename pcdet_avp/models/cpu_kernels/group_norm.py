@@ -34,7 +34,7 @@ def norm_relu(norm: nn.GroupNorm, x: Tensor, shortcut: Tensor | None) -> Tensor:
     weight, bias = array_of(norm.weight), array_of(norm.bias)
     for sample in range(len(cells)):
         rows, more = (a[sample].reshape(-1, cells.shape[3]) for a in (cells, added))
-        scale, shift = affine(rows, weight, bias, norm.num_groups, norm.eps)
+        scale, shift = affine(*moments(rows, norm.num_groups, norm.eps), weight, bias)
         scale_and_relu(rows, scale, shift, more, shortcut is not None)
     return x
 
@@ -42,18 +42,6 @@ def norm_relu(norm: nn.GroupNorm, x: Tensor, shortcut: Tensor | None) -> Tensor:
 def cells_last(x: Tensor) -> np.ndarray:
     """(B, H, W, C), of the same memory where the channels lie side by side there."""
     return bits_of(x.detach().permute(0, 2, 3, 1).contiguous())
-
-
-@numba.njit(**OPTIONS)
-def affine(rows, weight, bias, groups, eps):
-    """Scale and shift (C,) that group norm amounts to, for rows (pixels, C)."""
-    means, deviations = moments(rows, groups, eps)
-    channels, size = rows.shape[1], rows.shape[1] // groups
-    scale, shift = np.empty(channels, np.float32), np.empty(channels, np.float32)
-    for c in range(channels):
-        factor = weight[c] / deviations[c // size]
-        scale[c], shift[c] = factor, bias[c] - means[c // size] * factor
-    return scale, shift
 
 
 @numba.njit(**OPTIONS)
@@ -91,6 +79,17 @@ def moments(rows, groups, eps):
         # No maximum with zero, which would hide NaN; rounding below zero is far smaller than eps.
         means[group], deviations[group] = mean, np.sqrt(variance + eps)
     return means, deviations
+
+
+@numba.njit(**OPTIONS)
+def affine(means, deviations, weight, bias):
+    """Scale and shift (C,) that group norm amounts to, by the ``moments`` (groups,)."""
+    channels, size = len(weight), len(weight) // len(means)
+    scale, shift = np.empty(channels, np.float32), np.empty(channels, np.float32)
+    for c in range(channels):
+        factor = weight[c] / deviations[c // size]
+        scale[c], shift[c] = factor, bias[c] - means[c // size] * factor
+    return scale, shift
 
 
 @numba.njit(**OPTIONS)

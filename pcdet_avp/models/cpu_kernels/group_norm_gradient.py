@@ -14,7 +14,14 @@ from torch.autograd.function import once_differentiable
 
 from pcdet_avp.models.cpu_kernels.bfloat16 import single, stored
 from pcdet_avp.models.cpu_kernels.dispatch import OPTIONS, array_of, usable_in_bf16_training
-from pcdet_avp.models.cpu_kernels.group_norm import CHUNK_PIXELS, cells_last, is_group_norm_of_cells, moments
+from pcdet_avp.models.cpu_kernels.group_norm import (
+    CHUNK_PIXELS,
+    affine,
+    cells_last,
+    is_group_norm_of_cells,
+    moments,
+    scale_and_relu,
+)
 
 
 def fits(norm: nn.Module, x: Tensor, shortcut: Tensor | None) -> bool:
@@ -32,15 +39,15 @@ def norm_relu(norm: nn.GroupNorm, x: Tensor, shortcut: Tensor | None) -> Tensor:
 class _NormRelu(torch.autograd.Function):
     @staticmethod
     def forward(ctx, x, shortcut, weight, bias, groups: int, eps: float) -> Tensor:
-        out = torch.empty_like(x)
-        cells, written = cells_last(x), cells_last(out)
+        out = x.clone()
+        cells = cells_last(out)
         added = cells if shortcut is None else cells_last(shortcut)
         factors = array_of(weight), array_of(bias)
         statistics = np.empty((len(cells), 2, groups))  # mean and deviation
         for i in range(len(cells)):
-            rows, more, its_out = (_rows(a[i]) for a in (cells, added, written))
+            rows = _rows(cells[i])
             statistics[i] = moments(rows, groups, eps)
-            _normalise(rows, more, shortcut is not None, *statistics[i], *factors, its_out)
+            scale_and_relu(rows, *affine(*statistics[i], *factors), _rows(added[i]), shortcut is not None)
         ctx.save_for_backward(x, out, weight)
         ctx.statistics, ctx.has_shortcut = statistics, shortcut is not None
         return out
@@ -69,25 +76,6 @@ class _NormRelu(torch.autograd.Function):
 def _rows(cells: np.ndarray) -> np.ndarray:
     """(H, W, C) -> (pixels, C)."""
     return cells.reshape(-1, cells.shape[-1])
-
-
-@numba.njit(**OPTIONS)
-def _normalise(rows, more, add, means, deviations, weight, bias, out):
-    """out (pixels, C) = relu((rows - mean) / deviation * weight + bias), ``more`` added before where ``add``."""
-    channels, size = rows.shape[1], rows.shape[1] // len(means)
-    scale, shift, zero = np.empty(channels, np.float32), np.empty(channels, np.float32), np.float32(0)
-    for c in range(channels):
-        factor = weight[c] / deviations[c // size]
-        scale[c], shift[c] = factor, bias[c] - means[c // size] * factor
-    for pixel in range(rows.shape[0]):
-        if add:
-            for c in range(channels):
-                value = single(rows[pixel, c]) * scale[c] + shift[c] + single(more[pixel, c])
-                out[pixel, c] = stored(out, zero if value < zero else value)
-        else:
-            for c in range(channels):
-                value = single(rows[pixel, c]) * scale[c] + shift[c]
-                out[pixel, c] = stored(out, zero if value < zero else value)
 
 
 @numba.njit(**OPTIONS)
